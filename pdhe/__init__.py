@@ -1,0 +1,1 @@
+"""pdhe: reproducible studies of hydrogen-assisted fracture."""

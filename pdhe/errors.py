@@ -1,0 +1,33 @@
+"""Errors that a user can act on: each names the place, the value and what would have worked."""
+
+
+class PdheError(Exception):
+    """Base of every error that pdhe raises on purpose; the command line prints it without a traceback."""
+
+
+class SceneError(PdheError):
+    """A scene, study or material file asks for something that cannot be done.
+
+    Parameters
+    ----------
+    file
+        Path of the file as the user gave it.
+    key
+        Dotted key inside the file, for example ``material.youngs_modulus``; empty for the file as a whole.
+    value
+        The offending value; ``None`` when there is none to show.
+    problem
+        What is wrong, in one clause.
+    hint
+        What would have worked.
+    """
+
+    def __init__(self, file: str, key: str, value: object, problem: str, hint: str = "") -> None:
+        self.file, self.key, self.value, self.problem, self.hint = str(file), key, value, problem, hint
+        where = f"{self.file}: " + (f"key '{key}': " if key else "")
+        got = f" (got {value!r})" if value is not None else ""
+        super().__init__(f"{where}{problem}{got}" + (f"; {hint}" if hint else ""))
+
+
+class SimulationError(PdheError):
+    """A run cannot go on; the message names step, time and node."""
