@@ -1,0 +1,341 @@
+"""Nodes of the plate: one per mesh cell, at its centroid, with its true volume, and the named sets they belong to.
+
+Centroids with element areas, rather than mesh vertices with shared-out areas, put no node on the boundary and need no
+averaged volume; after the moment-matched correction of the bonds they reproduce the elastic moduli on irregular meshes.
+
+Nodes are numbered in horizontal strips one spacing high, from left to right in each: row by row on a structured mesh,
+and nearly so on any other. One sort serves both, and a family is a few contiguous runs of memory.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import os
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import meshio
+import numpy as np
+import xarray as xr
+
+from pdhe.errors import PdheError
+from pdhe.mesh import ALL, CRACK_PREFIX, EDGES, PLATE
+
+if TYPE_CHECKING:
+    from pdhe.scene import Crack, Geometry, Mesh
+
+# A crack that the mesh does not follow owns the cells whose centroid is at most this many spacings away from it.
+CRACK_REACH = 0.75
+# Relative tolerance below which lengths and areas count as equal.
+ROUND_OFF = 1e-6
+# A circle of chords of length h misses pi h^2 / 6 of its area, whatever its radius: 1.2 spacing^2 for triangles.
+HOLE_TOLERANCE = 3.0
+
+_DIMENSIONS = {
+    "coordinates": ("node", "component"),
+    "volume": ("node",),
+    "spacing": ("node",),
+    "vertices": ("vertex", "component"),
+    "cells": ("node", "corner"),
+}
+_ATTRIBUTES = {
+    "coordinates": {"units": "m", "long_name": "position of the node, the centroid of its cell"},
+    "volume": {"units": "m^3", "long_name": "volume of the cell"},
+    "spacing": {"units": "m", "long_name": "square root of the area of the cell"},
+    "vertices": {"units": "m", "long_name": "position of the vertex"},
+    "cells": {"units": "1", "long_name": "vertices of the cell, counter-clockwise; the last one repeated if fewer"},
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Discretization:
+    """Nodes, their volumes, the cells they stand for and the named node sets; ``n`` nodes, ``nv`` vertices."""
+
+    coordinates: np.ndarray
+    """(n, 2) float64, m: cell centroids."""
+    volume: np.ndarray
+    """(n,) float64, m^3: area of the cell times the thickness."""
+    spacing: np.ndarray
+    """(n,) float64, m: square root of the area of the cell."""
+    vertices: np.ndarray
+    """(nv, 2) float64, m: vertices of the mesh."""
+    cells: np.ndarray
+    """(n, 3) or (n, 4) int32: vertices of each cell, counter-clockwise; a triangle among quadrilaterals repeats one."""
+    node_sets: dict[str, np.ndarray]
+    """Name to sorted int32 node numbers: the four edges, every hole and crack, and ``all``."""
+    regular: bool
+    """True if all cells are equal squares aligned with the axes (within 1e-6)."""
+    thickness: float
+    """m."""
+
+
+def discretize(mesh_path: str | os.PathLike[str], geometry: Geometry, mesh_spec: Mesh) -> Discretization:
+    """Read a mesh written by :func:`pdhe.mesh.make_mesh` and turn its cells into nodes.
+
+    An edge or hole set holds the cells with a facet on that curve. The set of a crack that the mesh conforms to holds
+    the cells with a facet on it, on both sides; that of any other crack holds the cells whose centroid projects inside
+    the crack and lies within 0.75 spacing of it. On a structured mesh both rules agree for a crack along a grid line.
+
+    Parameters
+    ----------
+    mesh_path
+        Mesh file.
+    geometry
+        The geometry that was meshed: ``width``, ``height``, ``thickness`` (m), ``holes`` and ``cracks``.
+    mesh_spec
+        ``spacing`` (m) that was asked for.
+
+    Raises
+    ------
+    PdheError
+        The file is missing, damaged, lacks a physical group or is the mesh of another geometry; a crack owns no cell.
+    """
+    path = Path(mesh_path)
+    vertices, cells, curves = _read_mesh(path, geometry)
+    vertices, on_grid = _snapped_to_grid(vertices, cells, geometry, mesh_spec.spacing)
+    coordinates, area = _centroids_and_areas(vertices, cells)
+    _check_areas(path, area, geometry, mesh_spec.spacing)
+
+    strips = max(1, round(geometry.height / mesh_spec.spacing))
+    strip = np.floor(coordinates[:, 1] * (strips / geometry.height)).astype(np.int32)
+    order = np.lexsort((coordinates[:, 1], coordinates[:, 0], strip))
+    coordinates, area, cells = coordinates[order], area[order], cells[order]
+    regular = on_grid and cells.shape[1] == 4 and _squares(vertices[cells[0]])
+    if regular:
+        area = np.full(len(area), area.mean())
+    spacing = np.sqrt(area)
+
+    node_sets: dict[str, np.ndarray] = {}
+    on_curve = _cells_on_curves(cells, curves, len(vertices))
+    for name in (*EDGES, *(hole.name for hole in geometry.holes)):
+        node_sets[name], conforming = on_curve[name]
+        if not conforming:
+            raise _damaged(path, f"the curve {name!r} does not follow the cells")
+    for crack in geometry.cracks:
+        nodes, conforming = on_curve[CRACK_PREFIX + crack.name]
+        node_sets[crack.name] = nodes if conforming else _near_crack(coordinates, spacing, crack)
+        if not node_sets[crack.name].size:
+            raise PdheError(
+                f"geometry.cracks: crack {crack.name!r} owns no cell of the mesh; use a smaller mesh.spacing than "
+                f"{mesh_spec.spacing:g} m or a longer crack"
+            )
+    node_sets[ALL] = np.arange(len(area), dtype=np.int32)
+
+    used = np.zeros(len(vertices), dtype=bool)
+    used[cells.ravel()] = True
+    renumbered = np.cumsum(used, dtype=np.int32) - np.int32(1)
+    return Discretization(
+        coordinates=coordinates,
+        volume=area * geometry.thickness,
+        spacing=spacing,
+        vertices=vertices[used],
+        cells=renumbered[cells],
+        node_sets=node_sets,
+        regular=regular,
+        thickness=float(geometry.thickness),
+    )
+
+
+def write_discretization(discretization: Discretization, path: str | os.PathLike[str]) -> None:
+    """Write a NetCDF-4 file; it appears complete or not at all. The set ``all`` is implied."""
+    path = Path(path)
+    named = {name: nodes for name, nodes in discretization.node_sets.items() if name != ALL}
+    members = np.concatenate([*named.values(), np.empty(0, dtype=np.int32)]).astype(np.int32)
+    variables = {
+        name: (dimensions, getattr(discretization, name), _ATTRIBUTES[name]) for name, dimensions in _DIMENSIONS.items()
+    } | {
+        "node_set_name": ("node_set", np.array(list(named), dtype=object), {"long_name": "name of the node set"}),
+        "node_set_size": (
+            "node_set",
+            np.array([len(nodes) for nodes in named.values()], dtype=np.int32),
+            {"units": "1", "long_name": "number of nodes in the node set"},
+        ),
+        "node_set_member": (
+            "member",
+            members,
+            {"units": "1", "long_name": "nodes of the sets, one set after another"},
+        ),
+    }
+    attributes = {
+        "title": "discretization of a plate",
+        "thickness": discretization.thickness,
+        "thickness_units": "m",
+        "regular": int(discretization.regular),
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}")
+    try:
+        encoding = {name: {"_FillValue": None} for name in variables if name != "node_set_name"}
+        xr.Dataset(variables, attrs=attributes).to_netcdf(temporary, engine="netcdf4", encoding=encoding)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def read_discretization(path: str | os.PathLike[str]) -> Discretization:
+    """Read a file written by :func:`write_discretization`.
+
+    Raises
+    ------
+    PdheError
+        The file is missing or is not such a file.
+    """
+    path = Path(path)
+    try:
+        data = xr.load_dataset(path, engine="netcdf4", decode_cf=False)
+        arrays = {name: data[name].values for name in _DIMENSIONS}
+        ends = np.cumsum(data["node_set_size"].values)
+        parts = np.split(data["node_set_member"].values, ends[:-1]) if ends.size else []
+        node_sets = dict(zip((str(name) for name in data["node_set_name"].values), parts, strict=True))
+        node_sets[ALL] = np.arange(data.sizes["node"], dtype=np.int32)
+        regular, thickness = bool(data.attrs["regular"]), float(data.attrs["thickness"])
+    except FileNotFoundError as error:
+        raise PdheError(f"{path}: no such file of nodes; run the nodes step first") from error
+    except (OSError, KeyError, ValueError, RuntimeError) as error:
+        raise _damaged(path, str(error)) from error
+    return Discretization(**arrays, node_sets=node_sets, regular=regular, thickness=thickness)
+
+
+def _damaged(path: Path, problem: str) -> PdheError:
+    """The error for a file that cannot be used."""
+    return PdheError(f"{path}: not a usable file ({problem}); delete it and run again")
+
+
+def _read_mesh(path: Path, geometry: Geometry) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """Vertices (nv, 2), cells (n, 3 or 4) and, for each curve group, its segments (m, 2) of vertex numbers."""
+    if not path.is_file():
+        raise PdheError(f"{path}: no such mesh; run the mesh step first")
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - 64))
+        if not file.read().rstrip().rpartition(b"\n")[2].startswith(b"$End"):
+            raise _damaged(path, "its end is missing")
+    try:
+        # meshio.read would print and leave the program; its reader for gmsh raises, and only warns on the console.
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            mesh = meshio.gmsh.read(path)
+        vertices = np.ascontiguousarray(mesh.points[:, :2], dtype=np.float64)
+    except Exception as error:  # a damaged file fails in many ways: struct, Unicode, index, value, memory errors
+        raise _damaged(path, f"{type(error).__name__}: {error}") from error
+
+    curves = [
+        *EDGES,
+        *(hole.name for hole in geometry.holes),
+        *(CRACK_PREFIX + crack.name for crack in geometry.cracks),
+    ]
+    for name in (PLATE, *curves):
+        if not sum(len(part) for part in mesh.cell_sets.get(name, ())):
+            raise PdheError(f"{path}: physical group {name!r} is missing or empty; delete the file and run again")
+
+    def blocks(name: str) -> dict[str, np.ndarray]:
+        """Elements of one group, stacked by type."""
+        found: dict[str, list[np.ndarray]] = {}
+        for block, part in zip(mesh.cells, mesh.cell_sets[name], strict=True):
+            if len(part):
+                found.setdefault(block.type, []).append(block.data[part])
+        return {kind: np.concatenate(parts).astype(np.int32) for kind, parts in found.items()}
+
+    by_type = blocks(PLATE)
+    segments = {name: blocks(name) for name in curves}
+    if not set(by_type) <= {"triangle", "quad"} or any(set(kinds) != {"line"} for kinds in segments.values()):
+        raise _damaged(path, f"it holds elements other than lines, triangles and quadrilaterals: {sorted(by_type)}")
+    lines = {name: kinds["line"] for name, kinds in segments.items()}
+    if len(by_type) == 2:
+        by_type["triangle"] = by_type["triangle"][:, [0, 1, 2, 2]]
+    cells = np.concatenate(list(by_type.values()))
+    if not np.isfinite(vertices).all() or min(part.min() for part in (cells, *lines.values())) < 0:
+        raise _damaged(path, "its vertices are incomplete")
+    return vertices, cells, lines
+
+
+def _centroids_and_areas(vertices: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Centroid (n, 2) and signed area (n,) of each polygon, by the shoelace formula about its first corner."""
+    with np.errstate(all="ignore"):  # areas are checked next
+        origin = vertices[cells[:, 0]]
+        area = np.zeros(len(cells))
+        moment = np.zeros((len(cells), 2))
+        previous = vertices[cells[:, 1]] - origin
+        for corner in range(2, cells.shape[1]):
+            current = vertices[cells[:, corner]] - origin
+            triangle = 0.5 * (previous[:, 0] * current[:, 1] - current[:, 0] * previous[:, 1])
+            area += triangle
+            moment += triangle[:, None] * (previous + current) / 3.0
+            previous = current
+        return origin + moment / area[:, None], area
+
+
+def _check_areas(path: Path, area: np.ndarray, geometry: Geometry, spacing: float) -> None:
+    """Every area is positive and their sum is that of the plate without its holes.
+
+    The sum may differ by 1e-6 of the plate plus 3 spacing^2 per hole, whose circle became a polygon.
+    """
+    if not (area > 0).all():
+        raise _damaged(path, f"{np.count_nonzero(~(area > 0))} cells have no positive area")
+    plate, total = geometry.width * geometry.height, float(area.sum())
+    expected = plate - sum(math.pi * hole.radius**2 for hole in geometry.holes)
+    tolerance = ROUND_OFF * plate + HOLE_TOLERANCE * spacing**2 * len(geometry.holes)
+    if abs(total - expected) > tolerance:
+        raise _damaged(path, f"its cells cover {total:.6g} m^2 where the geometry has {expected:.6g} m^2")
+
+
+def _cells_on_curves(
+    cells: np.ndarray, curves: dict[str, np.ndarray], vertex_count: int
+) -> dict[str, tuple[np.ndarray, bool]]:
+    """For each curve, the cells with a facet on it, and whether all of its segments are facets of cells."""
+    on_any = np.zeros(vertex_count, dtype=bool)
+    for segments in curves.values():
+        on_any[segments.ravel()] = True
+
+    def keys(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        """One integer for a pair of vertices in either order."""
+        return np.minimum(first, second).astype(np.int64) * vertex_count + np.maximum(first, second)
+
+    following = np.roll(cells, -1, axis=1)
+    owner, corner = np.nonzero(on_any[cells] & on_any[following])
+    facets = keys(cells[owner, corner], following[owner, corner])
+    found = {}
+    for name, segments in curves.items():
+        wanted = keys(segments[:, 0], segments[:, 1])
+        nodes = np.unique(owner[np.isin(facets, wanted)]).astype(np.int32)
+        found[name] = nodes, bool(np.isin(wanted, facets).all())
+    return found
+
+
+def _near_crack(coordinates: np.ndarray, spacing: np.ndarray, crack: Crack) -> np.ndarray:
+    """Nodes whose projection falls strictly inside the crack and that lie within 0.75 spacing of it."""
+    start, end = np.asarray(crack.start, dtype=np.float64), np.asarray(crack.end, dtype=np.float64)
+    length = math.dist(crack.start, crack.end)
+    along = (end - start) / length
+    relative = coordinates - start
+    position = relative @ along
+    distance = np.abs(relative[:, 1] * along[0] - relative[:, 0] * along[1])
+    slack = ROUND_OFF * spacing
+    inside = (position > slack) & (position < length - slack)
+    return np.flatnonzero(inside & (distance <= CRACK_REACH * spacing + slack)).astype(np.int32)
+
+
+def _snapped_to_grid(
+    vertices: np.ndarray, cells: np.ndarray, geometry: Geometry, spacing: float
+) -> tuple[np.ndarray, bool]:
+    """Vertices of a structured mesh, rid of gmsh's round-off, and whether it is one.
+
+    gmsh places them to about 1e-12 of the spacing, which would make equal cells and symmetric families slightly
+    unequal.
+    """
+    size = np.array([geometry.width, geometry.height])
+    counts = np.maximum(1, np.rint(size / spacing))
+    index = np.rint(vertices * (counts / size))
+    snapped = index * size / counts
+    used = np.unique(cells)
+    if len(cells) != counts.prod() or np.abs(vertices - snapped)[used].max() > ROUND_OFF * spacing:
+        return vertices, False
+    return snapped, True
+
+
+def _squares(corners: np.ndarray) -> bool:
+    """Whether a cell (4, 2) that is a rectangle along the axes is a square."""
+    width, height = corners.max(axis=0) - corners.min(axis=0)
+    return bool(abs(width - height) <= ROUND_OFF * width)
