@@ -1,0 +1,98 @@
+"""Boundary conditions: which degrees of freedom are prescribed, and their values in time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+#: Edge pairs between which prescribed displacements are interpolated to the cell centroids: edge -> (opposite, axis).
+OPPOSITE = {"left": ("right", 0), "right": ("left", 0), "bottom": ("top", 1), "top": ("bottom", 1)}
+
+
+@dataclass(frozen=True)
+class Prescribed:
+    """One prescribed displacement component of one node set.
+
+    Attributes
+    ----------
+    on, component
+        Node set, and 0 for x or 1 for y.
+    value
+        Displacement of the edge, m, as a function of time, s.
+    corners
+        Times at which the function has a corner, s.
+    """
+
+    on: str
+    component: int
+    value: Callable[[float], float]
+    corners: tuple[float, ...]
+    at: str = "edge"
+
+
+class DisplacementConditions:
+    """All prescribed displacements of a scene.
+
+    An edge's displacement belongs to the edge, but the outermost nodes sit half a cell inside it. Where the opposite edge
+    prescribes the same component too, the nodes take the value that a uniform strain between both edges has at their
+    place; without this the strain would be too large by spacing over plate size. ``at: nodes`` switches that off.
+
+    Attributes
+    ----------
+    fixed
+        Degrees of freedom with a prescribed value, bool (n, 2).
+    """
+
+    def __init__(
+        self,
+        prescribed: list[Prescribed],
+        node_sets: dict[str, np.ndarray],
+        coordinates: np.ndarray,
+        size: tuple[float, float],
+    ) -> None:
+        self.prescribed, self.node_sets = prescribed, node_sets
+        self.shape = coordinates.shape
+        self.fixed = np.zeros(self.shape, bool)
+        self._patterns: list[tuple[int, int, np.ndarray, np.ndarray]] = []  # (load, component, nodes, factor)
+        for index, load in enumerate(prescribed):
+            # A corner node of two sets belongs to the condition that comes first; the scene's check saw that they agree.
+            nodes = node_sets[load.on][~self.fixed[node_sets[load.on], load.component]]
+            self.fixed[nodes, load.component] = True
+            partner = self._partner(load)
+            if partner is None:
+                self._patterns.append((index, load.component, nodes, np.ones(nodes.size)))
+                continue
+            axis = OPPOSITE[load.on][1]
+            place = coordinates[nodes, axis] / size[axis]
+            own = place if load.on in ("right", "top") else 1.0 - place
+            self._patterns.append((index, load.component, nodes, own))
+            self._patterns.append((prescribed.index(partner), load.component, nodes, 1.0 - own))
+        self.corners = sorted({t for load in prescribed for t in load.corners})
+
+    def _partner(self, load: Prescribed) -> Prescribed | None:
+        if load.at != "edge" or load.on not in OPPOSITE:
+            return None
+        opposite = OPPOSITE[load.on][0]
+        found = [p for p in self.prescribed if p.on == opposite and p.component == load.component and p.at == "edge"]
+        return found[0] if found else None
+
+    def values(self, t: float) -> np.ndarray:
+        """Prescribed displacements at time t, m (n, 2); zero where nothing is prescribed."""
+        result = np.zeros(self.shape)
+        amount = [load.value(t) for load in self.prescribed]
+        for index, component, nodes, factor in self._patterns:
+            result[nodes, component] += factor * amount[index]
+        return result
+
+    def changes(self, t0: float, t1: float) -> bool:
+        """Tell whether any prescribed displacement differs between two times."""
+        return any(load.value(t0) != load.value(t1) for load in self.prescribed)
+
+    def reactions(self, force: np.ndarray) -> dict[str, float]:
+        """Force that holds each prescribed set, N: minus the internal force summed over its nodes."""
+        return {
+            f"reaction_{load.on}_{'xy'[load.component]}": -float(force[self.node_sets[load.on], load.component].sum())
+            for load in self.prescribed
+        }

@@ -1,0 +1,141 @@
+"""A case: scene and discretisation made ready to run, holding only what the scene's physics needs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdhe.bonds import Bonds, build_bonds
+from pdhe.boundary import DisplacementConditions, Prescribed
+from pdhe.damage import FailureRule, critical_stretch
+from pdhe.discretization import Discretization
+from pdhe.embrittlement import LAWS, resistance
+from pdhe.errors import SceneError
+from pdhe.materials import MODELS, Body
+from pdhe.scene import Scene
+from pdhe.solvers import Equilibrium
+from pdhe.transport import Diffusion, Edge, build_diffusion
+
+EDGES = ("left", "right", "bottom", "top")
+
+
+@dataclass(frozen=True)
+class Case:
+    """Everything a run needs. Parts of absent physics are None and hold no memory.
+
+    Attributes
+    ----------
+    equilibrium, conditions
+        Mechanics and its prescribed displacements; None without ``loads``.
+    rule
+        When bonds break; None without ``damage``.
+    diffusion
+        Hydrogen exchange rates; None without ``hydrogen``.
+    """
+
+    scene: Scene
+    discretization: Discretization
+    bonds: Bonds
+    equilibrium: Equilibrium | None
+    conditions: DisplacementConditions | None
+    rule: FailureRule | None
+    diffusion: Diffusion | None
+
+    @property
+    def body(self) -> Body | None:
+        """Bonds with their present breakage."""
+        return None if self.equilibrium is None else self.equilibrium.body
+
+
+def partial_volume_rule(scene: Scene, discretization: Discretization) -> str:
+    """Resolve ``auto``: whole cells on a regular lattice, where the moment match absorbs the rest; a ramp otherwise."""
+    chosen = scene.mechanics.partial_volume
+    return chosen if chosen != "auto" else ("full" if discretization.regular else "ramp")
+
+
+def build_case(scene: Scene, discretization: Discretization) -> Case:
+    """Assemble the parts that the scene asks for.
+
+    Raises
+    ------
+    SceneError
+        If a node set that the scene names has no nodes, or no bond is left to carry anything.
+    """
+    d = discretization
+    _require_node_sets(scene, d)
+    partial = partial_volume_rule(scene, d)
+    material = scene.material
+    model = MODELS[scene.mechanics.model](
+        material.youngs_modulus, material.poissons_ratio, d.thickness, scene.horizon_length
+    )
+    bonds = build_bonds(
+        d.coordinates, d.volume, d.spacing, d.thickness, scene.horizon_length, partial=partial,
+        surface=scene.mechanics.weights if scene.loads is not None else "none",
+        tangential_ratio=model.tangential_ratio,
+        cracks=[(crack.start, crack.end) for crack in scene.geometry.cracks],
+    )  # fmt: skip
+    if bonds.length.size == 0:
+        raise SceneError("scene", "horizon", scene.horizon_length, "no two nodes lie within the horizon", "raise it")
+    equilibrium = conditions = rule = diffusion = None
+    if scene.loads is not None:
+        conditions = DisplacementConditions(
+            [
+                Prescribed(load.on, component, value, tuple(value.corners), load.at)
+                for load in scene.loads
+                for component, value in ((0, load.x), (1, load.y))
+                if value is not None
+            ],
+            d.node_sets,
+            d.coordinates,
+            (scene.geometry.width, scene.geometry.height),
+        )
+        body = Body(bonds, model, d.volume)
+        equilibrium = Equilibrium(
+            body, conditions.fixed, d.coordinates, d.spacing, scene.solver.tolerance, scene.solver.max_iterations
+        )
+        if scene.damage is not None:
+            rule = _failure_rule(scene, d, bonds, model)
+    if scene.hydrogen is not None:
+        diffusion = _diffusion(scene, d, bonds, partial)
+    return Case(scene, d, bonds, equilibrium, conditions, rule, diffusion)
+
+
+def _require_node_sets(scene: Scene, d: Discretization) -> None:
+    wanted = [("loads", load.on) for load in scene.loads or ()]
+    if scene.hydrogen is not None:
+        wanted += [("hydrogen.boundary", condition.on) for condition in scene.hydrogen.boundary]
+    wanted += [("damage.no_fail", name) for name in (scene.damage.no_fail if scene.damage else ())]
+    for key, name in wanted:
+        if d.node_sets.get(name, np.empty(0)).size == 0:
+            known = ", ".join(n for n, nodes in d.node_sets.items() if nodes.size)
+            raise SceneError("scene", key, name, "node set is empty on this mesh", f"sets with nodes: {known}")
+
+
+def _failure_rule(scene: Scene, d: Discretization, bonds: Bonds, model) -> FailureRule:
+    settings, hydrogen = scene.damage, scene.hydrogen
+    owner = bonds.owners()
+    may_fail = owner < bonds.neighbours
+    for name in settings.no_fail:
+        protected = np.zeros(d.volume.size, bool)
+        protected[d.node_sets[name]] = True
+        may_fail &= ~(protected[owner] | protected[bonds.neighbours])
+    weakened = None
+    if hydrogen is not None:
+        law, degradation = LAWS[hydrogen.law], hydrogen.degradation
+
+        def weakened(psi: np.ndarray) -> np.ndarray:
+            return resistance(law, degradation, psi)
+
+    critical = critical_stretch(model, bonds, d.volume, scene.material.toughness, settings.calibration)
+    return FailureRule(critical, settings.criterion == "energy", weakened, may_fail)
+
+
+def _diffusion(scene: Scene, d: Discretization, bonds: Bonds, partial: str) -> Diffusion:
+    size = {"left": (0, 0.0), "right": (0, scene.geometry.width), "bottom": (1, 0.0), "top": (1, scene.geometry.height)}
+    edges = {name: Edge(axis, position) for name, (axis, position) in size.items()}
+    prescribed = {condition.on for condition in scene.hydrogen.boundary} & set(EDGES)
+    return build_diffusion(
+        bonds, d.coordinates, d.volume, d.spacing, d.thickness, scene.material.diffusivity, scene.hydrogen.kernel,
+        partial, edges, prescribed,
+    )  # fmt: skip

@@ -1,0 +1,119 @@
+"""When a bond breaks: the critical stretch and the bonds that can reach it (theory, section 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdhe.bonds import Bonds
+from pdhe.materials import Body, CondensedRotation
+
+
+def crossing_sum(bonds: Bonds, volume: np.ndarray) -> float:
+    """Sum of ``beta lambda V_i V_j r`` over the bonds that cross a unit area of a crack, m^5 (theory, eq. 5.4).
+
+    Averaged over all positions and orientations of the crack: a bond of length r crosses a random line of unit length
+    with the mean projection ``2 r / pi``. Only nodes whose family is whole enter (all of them where none is).
+    """
+    size = np.diff(bonds.offsets)
+    interior = size >= 0.95 * np.median(size) if size.size else size > 0
+    if not interior.any():
+        interior = np.ones_like(interior)
+    per_node = bonds.sum_by_node(bonds.weight * bonds.length**2 * (2.0 / np.pi))
+    return float(0.5 * per_node[interior].sum() / volume[interior].sum())
+
+
+def critical_stretch(
+    model: CondensedRotation, bonds: Bonds, volume: np.ndarray, toughness: float, calibration: str
+) -> float:
+    """Critical stretch of a dry bond for a fracture energy ``toughness``, J/m^2.
+
+    ``continuum`` uses the integral over a full disc, ``G = k_n s_c^2 h delta^4 / 4`` (theory, eq. 5.3); ``discrete`` the bonds
+    that the actual set of nodes has, which differ from the integral by up to 18 % in energy.
+    """
+    if calibration == "continuum":
+        return float(np.sqrt(4.0 * toughness / (model.normal * model.thickness * model.horizon**4)))
+    return float(np.sqrt(2.0 * toughness / (model.normal * crossing_sum(bonds, volume))))
+
+
+@dataclass(frozen=True)
+class FailureRule:
+    """What decides on failure: a bond breaks once its load reaches its resistance.
+
+    Attributes
+    ----------
+    critical
+        Dry critical stretch.
+    by_energy
+        Compare the bond's whole energy (as a stretch without shear) instead of its stretch alone.
+    resistance
+        Function of the coverage giving the fraction of ``critical`` that is left; None without hydrogen.
+    may_fail
+        Directed bonds that are allowed to break, bool (b,); each undirected bond is marked once, seen from the lower node.
+    """
+
+    critical: float
+    by_energy: bool
+    resistance: Callable[[np.ndarray], np.ndarray] | None
+    may_fail: np.ndarray
+
+    @property
+    def weakest(self) -> float:
+        """The smallest critical stretch that any coverage can lead to."""
+        return self.critical * (1.0 if self.resistance is None else float(self.resistance(np.ones(1))[0]))
+
+
+class Candidates:
+    """The bonds that could break while the displacements go linearly from ``u0`` to ``u1``.
+
+    A bond is in the list if its load at either end reaches the least resistance that saturation could leave it. Loads are
+    convex in time between the two ends, so no other bond can fail in between.
+    """
+
+    def __init__(self, body: Body, rule: FailureRule, u0: np.ndarray, u1: np.ndarray) -> None:
+        self.rule = rule
+        self.ratio_of_moduli = body.tangential / body.normal
+        moving = u1 is not u0
+        near = body.bond_loads(u0, rule.by_energy) >= rule.weakest
+        if moving:
+            near |= body.bond_loads(u1, rule.by_energy) >= rule.weakest
+        self.bond = np.flatnonzero(near & rule.may_fail & body.intact)
+        self.i, self.j = _owners(body.bonds, self.bond), body.bonds.neighbours[self.bond]
+        self.share_i, self.share_j = body.share[self.i], body.share[self.j]
+        self.stiffness = body.normal * body.weight[self.bond] * body.bonds.length[self.bond]
+        self.start = body.bond_parts(u0, self.bond, self.i)
+        self.change = body.bond_parts(u1, self.bond, self.i) - self.start if moving else None
+
+    def _strains(self, fraction: float) -> tuple[np.ndarray, np.ndarray]:
+        """Stretch, and the squared stretch that has the same energy, shear included."""
+        stretch, angle_i, angle_j = self.start if self.change is None else self.start + fraction * self.change
+        shear = 0.5 * (self.share_i * angle_i**2 + self.share_j * angle_j**2)
+        return stretch, stretch**2 + self.ratio_of_moduli * shear
+
+    def load(self, fraction: float) -> np.ndarray:
+        """Load of each candidate at a fraction of the way from ``u0`` to ``u1``, (k,) (theory, eq. 5.2)."""
+        stretch, square = self._strains(fraction)
+        if self.rule.by_energy:
+            return np.where(stretch > 0.0, np.sqrt(np.maximum(square, 0.0)), 0.0)
+        return np.maximum(stretch, 0.0)
+
+    def energy(self, fraction: float) -> np.ndarray:
+        """Elastic energy of each candidate, J (k,) (theory, eq. 2.1)."""
+        return 0.5 * self.stiffness * self._strains(fraction)[1]
+
+    def ratio(self, fraction: float, psi: np.ndarray | None) -> np.ndarray:
+        """Load over resistance of each candidate, (k,): a bond breaks at 1.
+
+        The coverage of a bond is the mean of its two ends (theory, eq. 5.8).
+        """
+        critical = self.rule.critical
+        if psi is not None and self.rule.resistance is not None:
+            critical = critical * self.rule.resistance(0.5 * (psi[self.i] + psi[self.j]))
+        return self.load(fraction) / critical
+
+
+def _owners(bonds: Bonds, bond: np.ndarray) -> np.ndarray:
+    """Owner of some directed bonds."""
+    return (np.searchsorted(bonds.offsets, bond, side="right") - 1).astype(np.int32)

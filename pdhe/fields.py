@@ -1,0 +1,75 @@
+"""Every quantity that a result holds, declared once: name, unit, meaning and shape."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Field:
+    """One variable of a result file.
+
+    Attributes
+    ----------
+    unit
+        As written into the file; ``1`` for numbers.
+    long_name
+        Meaning, fit for an axis label.
+    dims
+        Names of the dimensions.
+    """
+
+    unit: str
+    long_name: str
+    dims: tuple[str, ...]
+
+
+_STATIC = ("node",)
+_SNAPSHOT = ("time", "node")
+_HISTORY = ("step",)
+
+#: Variables of a result file. Those of absent physics are left out of it.
+FIELDS: dict[str, Field] = {
+    "time": Field("s", "time", ("time",)),
+    "node_x": Field("m", "x of the node", _STATIC),
+    "node_y": Field("m", "y of the node", _STATIC),
+    "volume": Field("m^3", "volume of the node's cell", _STATIC),
+    "vertices": Field("m", "position of the mesh vertex", ("vertex", "component")),
+    "cells": Field("1", "vertices of the node's cell, counter-clockwise", ("node", "corner")),
+    "displacement": Field("m", "displacement", ("time", "node", "component")),
+    "damage": Field("1", "damage: volume-weighted share of broken bonds", _SNAPSHOT),
+    "coverage": Field("1", "hydrogen coverage", _SNAPSHOT),
+    "history_time": Field("s", "time of the history entry", _HISTORY),
+    "elastic_energy": Field("J", "elastic energy", _HISTORY),
+    "external_work": Field("J", "work done by the prescribed displacements", _HISTORY),
+    "fracture_energy": Field("J", "energy held by bonds at the moment they broke", _HISTORY),
+    "crack_length": Field("m", "equivalent crack length: broken bonds over bonds crossing a unit length", _HISTORY),
+    "crack_extension": Field("m", "distance of the foremost broken short bond from the pre-cracks", _HISTORY),
+    "crack_tip_x": Field("m", "x of the foremost broken short bond", _HISTORY),
+    "crack_tip_y": Field("m", "y of the foremost broken short bond", _HISTORY),
+    "mean_damage": Field("1", "volume-averaged damage", _HISTORY),
+    "broken_bonds": Field("1", "bonds broken since the start", _HISTORY),
+    "largest_load": Field("1", "largest load over resistance among the bonds that may still break", _HISTORY),
+    "mean_coverage": Field("1", "volume-averaged coverage", _HISTORY),
+    "hydrogen_content": Field("m^3", "coverage integrated over the volume", _HISTORY),
+    "hydrogen_influx": Field("m^3", "hydrogen that entered through edges and held nodes since the start", _HISTORY),
+    "failure_rounds": Field("1", "rounds of bond failures so far", _HISTORY),
+    "equilibrium_solves": Field("1", "equilibrium solves so far", _HISTORY),
+    "equilibrium_iterations": Field("1", "conjugate-gradient iterations so far", _HISTORY),
+    "force_sweeps": Field("1", "force sweeps over all bonds so far", _HISTORY),
+    "diffusion_sweeps": Field("1", "diffusion sweeps over all bonds so far", _HISTORY),
+    "broken_i": Field("1", "first node of the broken bond", ("broken",)),
+    "broken_j": Field("1", "second node of the broken bond", ("broken",)),
+    "broken_time": Field("s", "time at which the bond broke; -1 if a pre-crack cut it", ("broken",)),
+}
+
+
+def field_of(name: str) -> Field:
+    """Return the declaration of a variable; reactions are named after their node set, ``reaction_top_y``."""
+    if name.startswith("reaction_"):
+        where, component = name.removeprefix("reaction_").rsplit("_", 1)
+        return Field("N", f"reaction on {where} along {component}", _HISTORY)
+    if name.startswith("applied_"):
+        where, component = name.removeprefix("applied_").rsplit("_", 1)
+        return Field("m", f"prescribed displacement of {where} along {component}", _HISTORY)
+    return FIELDS[name]

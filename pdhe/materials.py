@@ -1,0 +1,167 @@
+"""Elastic bond models in plane stress, and the body that carries their forces (theory, section 2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from pdhe.bonds import Bonds
+from pdhe.kernels import mechanics
+from pdhe.kernels.jit import as_float
+
+#: Damage at which the tangential stiffness of a node has faded out where that stiffness is negative (theory, 2.5).
+TANGENTIAL_FADE = 0.2
+
+
+@dataclass(frozen=True)
+class CondensedRotation:
+    """Two-parameter bond from which each node's own rotation is removed: objective, and stable for any Poisson's ratio.
+
+    The tangential part of a bond is measured against a rotation of the node that carries no stiffness of its own and
+    is therefore eliminated node by node (theory, eqs. 2.5 to 2.7).
+    """
+
+    youngs_modulus: float = field(metadata={"unit": "Pa"})
+    poissons_ratio: float = field(metadata={"unit": "1"})
+    thickness: float = field(metadata={"unit": "m"})
+    horizon: float = field(metadata={"unit": "m"})
+    condenses_rotation = True
+
+    @property
+    def normal(self) -> float:
+        """Normal micromodulus k_n, N/m^6 (theory, eq. 2.2)."""
+        e, nu = self.youngs_modulus, self.poissons_ratio
+        return 6.0 * e / (np.pi * self.thickness * self.horizon**3 * (1.0 - nu))
+
+    @property
+    def tangential_ratio(self) -> float:
+        """Tangential over normal micromodulus (theory, eq. 2.3); negative above a Poisson's ratio of 1/3."""
+        return (1.0 - 3.0 * self.poissons_ratio) / (1.0 + self.poissons_ratio)
+
+
+@dataclass(frozen=True)
+class ThesisSpring(CondensedRotation):
+    """The same bond with its tangential spring attached to fixed axes, as the thesis has it.
+
+    Rotating the body stores energy, and shear waves travel too fast (theory, 2.4). Kept for comparison only; indefinite
+    for a Poisson's ratio above 1/3.
+    """
+
+    condenses_rotation = False
+
+
+#: Bond models by the name that scenes use.
+MODELS = {"condensed rotation": CondensedRotation, "thesis spring": ThesisSpring}
+
+
+class Body:
+    """Bonds with a model and their present state of breakage: forces, energies and bond loads for given displacements.
+
+    Parameters
+    ----------
+    bonds
+        The families. Bonds that a pre-crack cuts are broken from the start.
+    model
+        One of :data:`MODELS`.
+    volume
+        Node volumes, m^3 (n,).
+    """
+
+    def __init__(self, bonds: Bonds, model: CondensedRotation, volume: np.ndarray) -> None:
+        self.bonds, self.model, self.volume = bonds, model, volume
+        self.intact = ~bonds.cut
+        self.weight = np.where(self.intact, bonds.weight, 0.0)
+        n = bonds.node_count
+        self.normal = model.normal
+        self.tangential = model.normal * model.tangential_ratio
+        self.share = np.ones(n)
+        self.inverse = np.zeros(n)
+        self._theta = np.zeros(n)
+        self._refresh_nodes()
+
+    def _refresh_nodes(self) -> None:
+        if self.model.condenses_rotation:
+            mechanics.rotation_weight(self.bonds.offsets, self.bonds.length, self.weight, self.inverse)
+        if self.tangential < 0.0:
+            self.share[:] = np.maximum(0.0, 1.0 - self.damage() / TANGENTIAL_FADE)
+
+    def break_bonds(self, directed: np.ndarray) -> None:
+        """Break bonds for good, from both ends.
+
+        Parameters
+        ----------
+        directed
+            Indices of directed bonds; the reverse directions are found here.
+        """
+        both = np.concatenate([directed, self.bonds.reverse[directed]])
+        self.intact[both] = False
+        self.weight[both] = 0.0
+        self._refresh_nodes()
+
+    def damage(self) -> np.ndarray:
+        """Volume-weighted share of broken bonds, (n,); bonds cut by a pre-crack count as broken (theory, eq. 5.1)."""
+        phi = np.empty(self.bonds.node_count)
+        b = self.bonds
+        mechanics.damage(b.offsets, b.neighbours, self.volume, self.intact, phi)
+        return phi
+
+    def _rotate(self, u: np.ndarray) -> np.ndarray:
+        b = self.bonds
+        mechanics.node_rotation(b.offsets, b.neighbours, b.nx, b.ny, self.weight, self.inverse, u, self._theta)
+        return self._theta
+
+    def rotation(self, u: np.ndarray) -> np.ndarray:
+        """Condensed rotation of each node, rad (n,)."""
+        return self._rotate(as_float(u, (self.bonds.node_count, 2))).copy()
+
+    def force(self, u: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """Internal force on each node, N (n, 2): minus the derivative of the energy."""
+        b, out = self.bonds, np.empty_like(u) if out is None else out
+        theta = self._rotate(u)
+        mechanics.internal_force(
+            b.offsets, b.neighbours, b.nx, b.ny, b.length, self.weight, self.share, self.normal, self.tangential,
+            u, theta, out,
+        )  # fmt: skip
+        return out
+
+    def energy(self, u: np.ndarray) -> np.ndarray:
+        """Elastic energy of each node, J (n,)."""
+        b, out = self.bonds, np.empty(self.bonds.node_count)
+        theta = self._rotate(u)
+        mechanics.elastic_energy(
+            b.offsets, b.neighbours, b.nx, b.ny, b.length, self.weight, self.share, self.normal, self.tangential,
+            u, theta, out,
+        )  # fmt: skip
+        return out
+
+    def diagonal(self) -> np.ndarray:
+        """Diagonal of the stiffness with the rotations held, N/m (n, 2): an upper bound of the true diagonal."""
+        b, scale = self.bonds, self.weight / self.bonds.length
+        tangential = max(self.tangential, 0.0)
+        parts = np.column_stack(
+            [
+                scale * (self.normal * b.nx**2 + tangential * b.ny**2),
+                scale * (self.normal * b.ny**2 + tangential * b.nx**2),
+            ]
+        )
+        return b.sum_by_node(parts)
+
+    def bond_loads(self, u: np.ndarray, by_energy: bool) -> np.ndarray:
+        """Load of every directed bond, broken ones included, (b,): see :func:`pdhe.kernels.mechanics.bond_load`."""
+        b, out = self.bonds, np.empty(self.bonds.length.size)
+        theta = self._rotate(u)
+        mechanics.bond_load(
+            b.offsets, b.neighbours, b.nx, b.ny, b.length, self.share, self.normal, self.tangential, by_energy,
+            u, theta, out,
+        )  # fmt: skip
+        return out
+
+    def bond_parts(self, u: np.ndarray, bond: np.ndarray, owner: np.ndarray) -> np.ndarray:
+        """Stretch and both tangential strains of some directed bonds, (3, k): linear in the displacements."""
+        b, theta = self.bonds, self._rotate(u)
+        other = b.neighbours[bond]
+        relative = u[other] - u[owner]
+        stretch = (b.nx[bond] * relative[:, 0] + b.ny[bond] * relative[:, 1]) / b.length[bond]
+        angle = (b.nx[bond] * relative[:, 1] - b.ny[bond] * relative[:, 0]) / b.length[bond]
+        return np.stack([stretch, angle - theta[owner], angle - theta[other]])

@@ -1,0 +1,219 @@
+"""The loop: staggered mechanics and hydrogen in physical time, from one event to the next."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from pdhe import advance as moves
+from pdhe.case import Case, build_case
+from pdhe.damage import Candidates, crossing_sum
+from pdhe.discretization import Discretization
+from pdhe.errors import SimulationError
+from pdhe.plan import make_plan
+from pdhe.provenance import digest, fingerprint, versions
+from pdhe.results import Recorder, write_dataset
+from pdhe.scene import Scene
+from pdhe.state import State
+
+#: A crack that advances further than this many horizons at one instant is reported as running away.
+RUNAWAY = 5.0
+
+Progress = Callable[[str], None]
+
+
+def solve_case(scene: Scene, discretization: Discretization, path: str | Path, progress: Progress | None = None) -> None:
+    """Run a scene and write its result file.
+
+    Raises
+    ------
+    SceneError, SimulationError
+        If the scene cannot be run on this mesh, or the run cannot go on.
+    """
+    case = build_case(scene, discretization)
+    plan = make_plan(case)
+    if progress:
+        progress(plan)
+    dataset = simulate(case, progress)
+    dataset.attrs |= {
+        "plan": plan,
+        "scene": json.dumps(scene.resolved(), sort_keys=True),
+        "scene_hash": digest(scene.resolved()),
+        "code_fingerprint": fingerprint("pdhe.simulation"),
+        "versions": json.dumps(versions(), sort_keys=True),
+    }
+    write_dataset(dataset, path)
+
+
+def simulate(case: Case, progress: Progress | None = None) -> xr.Dataset:
+    """Run a case from time zero to its end and return everything that it recorded."""
+    state, recorder, log = start(case), Recorder(), progress or (lambda text: None)
+    record(case, state, recorder, snapshot=True)
+    step = _step_events if case.scene.stepping.mode == "events" else _step_fixed
+    runaways: list[str] = []
+    try:
+        step(case, state, recorder, log, runaways)
+    except SimulationError as error:
+        raise SimulationError(f"at t = {state.time:.6g} s, failure round {state.failure_rounds}: {error}") from error
+    status = "complete" if not runaways else "complete; crack ran away: " + "; ".join(runaways)
+    return recorder.dataset(case.discretization, {"title": case.scene.title, "status": status})
+
+
+def start(case: Case) -> State:
+    """State at time zero: at rest, initial coverage, prescribed coverage in place."""
+    n, state = case.discretization.volume.size, State()
+    if case.equilibrium is not None:
+        state.displacement, state.force = case.equilibrium.solve(np.zeros((n, 2)), case.conditions.values(0.0))
+    if case.diffusion is not None:
+        state.coverage = np.full(n, case.scene.hydrogen.initial)
+        state.held, state.saturated, state.supply = np.zeros(n, bool), np.zeros(n, bool), np.zeros(n)
+        moves.hold_prescribed_coverage(case, state)
+        moves.saturate_broken(case, state)
+    return state
+
+
+def _step_events(case: Case, state: State, recorder: Recorder, log: Progress, runaways: list[str]) -> None:
+    """Go from event to event: load corner, output, failure. Displacements are solved for only when forces changed."""
+    outputs = [t for t in case.scene.outputs.times if t > 0.0]
+    end = case.scene.time.end
+    corners = sorted({t for t in _corners(case) if 0.0 < t < end} | {end})
+    while state.time < end:
+        motion = candidates = None
+        corner = next(t for t in corners if t > state.time)
+        if case.equilibrium is not None:
+            motion = moves.start_motion(case, state, corner)
+            if case.rule is not None:
+                candidates = Candidates(case.body, case.rule, motion.u0, motion.u1)
+        failed = False
+        while state.time < corner and not failed:
+            until = min([t for t in outputs if t > state.time][:1] + [corner])
+            failed = moves.advance(case, state, until, motion, candidates)
+            if motion is not None:
+                moves.move_to(case, state, motion, state.time)
+            if failed:
+                before = state.crack_extension
+                moves.fail_until_stable(case, state, candidates, motion.fraction(state.time), recorder)
+                _note_runaway(case, state, before, runaways, log)
+            output = state.time in outputs
+            if failed or output:
+                record(case, state, recorder, snapshot=output)
+            if output:
+                log(_progress_line(case, state))
+
+
+def _step_fixed(case: Case, state: State, recorder: Recorder, log: Progress, runaways: list[str]) -> None:
+    """Equal load steps, each with equal diffusion sub-steps, an equilibrium and the failures that follow from it."""
+    stepping, end = case.scene.stepping, case.scene.time.end
+    pending = [t for t in case.scene.outputs.times if t > 0.0]
+    for step in range(1, stepping.load_steps + 1):
+        t = end * step / stepping.load_steps
+        if case.diffusion is not None:
+            begin = state.time
+            for sub in range(1, stepping.diffusion_substeps + 1):
+                moves.advance(case, state, begin + (t - begin) * sub / stepping.diffusion_substeps, None, None)
+        state.time = t
+        failed = 0
+        if case.equilibrium is not None:
+            u, force = case.equilibrium.solve(state.displacement, case.conditions.values(t))
+            moves.move_to(case, state, moves.Motion(t, t, u, u, force, force), t)
+            if case.rule is not None:
+                before = state.crack_extension
+                candidates = Candidates(case.body, case.rule, u, u)
+                failed = moves.fail_until_stable(case, state, candidates, 0.0, recorder)
+                _note_runaway(case, state, before, runaways, log)
+        output = bool(pending) and t >= pending[0] * (1.0 - 1e-12)
+        while pending and t >= pending[0] * (1.0 - 1e-12):
+            pending.pop(0)
+        if failed or output:
+            record(case, state, recorder, snapshot=output)
+        if output:
+            log(_progress_line(case, state))
+
+
+def _corners(case: Case) -> list[float]:
+    times = list(case.conditions.corners) if case.conditions is not None else []
+    if case.scene.hydrogen is not None:
+        times += [t for condition in case.scene.hydrogen.boundary for t in condition.coverage.corners]
+    return times
+
+
+def _note_runaway(case: Case, state: State, before: float, runaways: list[str], log: Progress) -> None:
+    if state.crack_extension - before > RUNAWAY * case.bonds.horizon:
+        text = (
+            f"at {state.time:.6g} s the crack ran from {before * 1e3:.3g} to {state.crack_extension * 1e3:.3g} mm "
+            "of extension at fixed time"
+        )
+        runaways.append(text)
+        log(text)
+
+
+def _progress_line(case: Case, state: State) -> str:
+    parts = [f"t = {state.time:.4g} s"]
+    if case.equilibrium is not None:
+        parts.append(f"solves {case.equilibrium.work.equilibrium_solves}")
+    if case.rule is not None:
+        parts.append(f"broken bonds {state.broken_bonds}, extension {state.crack_extension * 1e3:.4g} mm")
+    if case.diffusion is not None:
+        mean = float(np.average(state.coverage, weights=case.discretization.volume))
+        parts.append(f"mean coverage {mean:.3f}, diffusion sweeps {state.diffusion_sweeps}")
+    return "; ".join(parts)
+
+
+def record(case: Case, state: State, recorder: Recorder, snapshot: bool) -> None:
+    """Append the present state to the history, and to the snapshots where asked."""
+    volume = case.discretization.volume
+    row: dict[str, float] = {"history_time": state.time}
+    fields: dict[str, np.ndarray] = {}
+    if case.equilibrium is not None:
+        work = case.equilibrium.work
+        row |= case.conditions.reactions(state.force)
+        row |= {
+            f"applied_{p.on}_{'xy'[p.component]}": p.value(state.time) for p in case.conditions.prescribed
+        }
+        row["elastic_energy"] = float(case.body.energy(state.displacement).sum())
+        row["external_work"] = state.external_work
+        row |= {
+            "equilibrium_solves": work.equilibrium_solves,
+            "equilibrium_iterations": work.equilibrium_iterations,
+            "force_sweeps": work.force_sweeps,
+        }
+        fields["displacement"] = state.displacement
+    if case.rule is not None:
+        phi = case.body.damage()
+        fields["damage"] = phi
+        candidates = Candidates(case.body, case.rule, state.displacement, state.displacement)
+        ratio = candidates.ratio(0.0, state.coverage)
+        row |= {
+            "fracture_energy": state.fracture_energy,
+            "crack_length": equivalent_crack_length(case),
+            "crack_extension": state.crack_extension,
+            "crack_tip_x": state.crack_tip[0],
+            "crack_tip_y": state.crack_tip[1],
+            "mean_damage": float(np.average(phi, weights=volume)),
+            "broken_bonds": state.broken_bonds,
+            "failure_rounds": state.failure_rounds,
+            "largest_load": float(ratio.max(initial=0.0)),
+        }
+    if case.diffusion is not None:
+        content = float(np.sum(state.coverage * volume))
+        row |= {
+            "mean_coverage": content / float(volume.sum()),
+            "hydrogen_content": content,
+            "hydrogen_influx": float(state.supply.sum()),
+            "diffusion_sweeps": state.diffusion_sweeps,
+        }
+        fields["coverage"] = state.coverage
+    recorder.row(**row)
+    if snapshot:
+        recorder.snapshot(state.time, **fields)
+
+
+def equivalent_crack_length(case: Case) -> float:
+    """Length of a straight crack that would cut as much bond weight as is broken, m (theory, eq. 5.9)."""
+    bonds = case.bonds
+    broken = float(np.sum((bonds.weight * bonds.length)[~case.body.intact])) / 2.0
+    return broken / (crossing_sum(bonds, case.discretization.volume) * case.discretization.thickness)

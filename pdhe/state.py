@@ -1,0 +1,43 @@
+"""The part of a run that changes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass
+class State:
+    """Present state of a run; arrays of absent physics are None.
+
+    Attributes
+    ----------
+    time
+        s.
+    displacement, force
+        m and N, (n, 2).
+    coverage
+        Hydrogen coverage (n,).
+    held
+        Nodes whose coverage is prescribed, bool (n,).
+    saturated
+        Held nodes that became so by damage, bool (n,).
+    supply
+        Hydrogen that entered through each node, m^3 (n,).
+    """
+
+    time: float = 0.0
+    displacement: np.ndarray | None = None
+    force: np.ndarray | None = None
+    coverage: np.ndarray | None = None
+    held: np.ndarray | None = None
+    saturated: np.ndarray | None = None
+    supply: np.ndarray | None = None
+    external_work: float = 0.0
+    fracture_energy: float = 0.0
+    broken_bonds: int = 0
+    failure_rounds: int = 0
+    diffusion_sweeps: int = 0
+    crack_extension: float = 0.0
+    crack_tip: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))

@@ -1,0 +1,118 @@
+"""Nonlocal diffusion of hydrogen: bond rates with the right constant, mirror images at plane edges (theory, section 4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdhe.bonds import WEIGHT_LIMITS, Bonds, partial_volume
+from pdhe.kernels import diffusion as kernels
+
+#: Exponent of the bond length in the kernel ``1 / r^p`` by the name that scenes use.
+KERNELS = {"constant": 0, "inverse": 1, "inverse square": 2}
+
+#: Share of the largest step with a maximum principle that the explicit scheme takes.
+STEP_SAFETY = 0.9
+
+
+@dataclass(frozen=True)
+class Edge:
+    """A straight edge of the plate: ``coordinate[axis] = position``; images are taken in it."""
+
+    axis: int
+    position: float
+
+
+@dataclass(frozen=True)
+class Diffusion:
+    """Rates of exchange between nodes and with prescribed edges.
+
+    Attributes
+    ----------
+    rate
+        1/s per directed bond (b,); ``rate * V_owner`` is symmetric, so hydrogen is conserved.
+    exchange
+        For each prescribed edge by name: 1/s per node (n,), to be multiplied with (edge coverage - node coverage).
+    """
+
+    bonds: Bonds
+    volume: np.ndarray
+    rate: np.ndarray
+    exchange: dict[str, np.ndarray]
+
+    def stable_step(self, held: np.ndarray) -> float:
+        """Largest explicit step, s, that keeps every coverage within the bounds of the data (theory, eq. 4.6)."""
+        total = np.empty(self.volume.size)
+        kernels.outflow_rate(self.bonds.offsets, self.rate, self.sink(), held, total)
+        fastest = float(total.max(initial=0.0))
+        return np.inf if fastest == 0.0 else 1.0 / fastest
+
+    def sink(self) -> np.ndarray:
+        """Sum of the edge exchange rates, 1/s (n,)."""
+        return sum(self.exchange.values(), np.zeros(self.volume.size))
+
+    def source(self, coverage: dict[str, float]) -> np.ndarray:
+        """Edge exchange rates times the edges' coverages, 1/s (n,)."""
+        return sum((self.exchange[name] * value for name, value in coverage.items()), np.zeros(self.volume.size))
+
+
+def build_diffusion(
+    bonds: Bonds,
+    coordinates: np.ndarray,
+    volume: np.ndarray,
+    spacing: np.ndarray,
+    thickness: float,
+    diffusivity: float,
+    kernel: str,
+    partial: str,
+    edges: dict[str, Edge],
+    prescribed: set[str],
+) -> Diffusion:
+    """Build the rates for a diffusivity in m^2/s.
+
+    Each plane edge acts as a mirror: nodes beyond it carry the same coverage (insulated) or the odd continuation about the
+    prescribed value. Both are folded into the bonds of the real nodes: an image of j seen from i is never nearer than j
+    itself, so the coefficients stay positive and the maximum principle holds. The rates are scaled, node by node and then
+    averaged over the two ends, so that the second moment of each family, images included, is that of the diffusivity.
+    """
+    owner, other = bonds.owners(), bonds.neighbours
+    power = KERNELS[kernel]
+    size = 0.5 * (spacing[owner] + spacing[other])
+    base = partial_volume(bonds.length, bonds.horizon, size, partial) * volume[other] / bonds.length**power
+    moment = bonds.sum_by_node(base * bonds.length**2)
+    even = np.zeros_like(base)
+    exchange = {name: np.zeros(volume.size) for name in prescribed}
+    everyone = np.arange(volume.size, dtype=np.int32)
+    for names in _reflections(edges):
+        image = coordinates.copy()
+        for name in names:
+            image[:, edges[name].axis] = 2.0 * edges[name].position - image[:, edges[name].axis]
+        odd = sum(name in prescribed for name in names) % 2 == 1
+        via = next((name for name in names if name in prescribed), None)
+        near = np.ones(volume.size, bool)
+        for name in names:
+            near &= np.abs(coordinates[:, edges[name].axis] - edges[name].position) <= bonds.horizon + spacing
+        rows = np.flatnonzero(near[owner] & near[other])
+        for i, j, bond in ((owner[rows], other[rows], rows), (everyone[near], everyone[near], None)):
+            distance = np.hypot(*(image[j] - coordinates[i]).T)
+            width = 0.5 * (spacing[i] + spacing[j])
+            value = partial_volume(distance, bonds.horizon, width, partial) * volume[j] / distance**power
+            moment += np.bincount(i, value * distance**2, volume.size)
+            if bond is not None:
+                even[bond] += -value if odd else value
+            if odd:
+                exchange[via] += np.bincount(i, 2.0 * value, volume.size)
+    # A family's second moment is that of the diffusivity when sum base r^2 = 4 D (two axes, a factor of one half).
+    scale = 4.0 * diffusivity / np.where(moment > 0.0, moment, np.inf)
+    typical = np.median(scale[scale > 0.0]) if (scale > 0.0).any() else 1.0
+    scale = np.clip(scale, WEIGHT_LIMITS[0] * typical, WEIGHT_LIMITS[1] * typical)
+    rate = 0.5 * (scale[owner] + scale[other]) * (base + even)
+    return Diffusion(bonds, volume, rate, {name: scale * value for name, value in exchange.items()})
+
+
+def _reflections(edges: dict[str, Edge]) -> list[tuple[str, ...]]:
+    """Single reflections in each edge, and double ones where two edges meet in a corner."""
+    single = [(name,) for name in edges]
+    double = [(a, b) for a in edges for b in edges if edges[a].axis < edges[b].axis]
+    return single + double
