@@ -1,0 +1,197 @@
+"""The scene: everything that one simulation is asked to do, read from a YAML file, checked and frozen.
+
+All attributes are SI. :func:`load_scene` reads the written form (quantities with units); :meth:`Scene.resolved` and
+:meth:`Scene.from_resolved` convert to and from plain nested dictionaries of SI numbers.
+"""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, cast
+
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
+
+from pdhe import scene_fields as fields
+from pdhe.scene_blocks import (
+    CoverageCondition,
+    Crack,
+    Damage,
+    Displacement,
+    Geometry,
+    Hole,
+    Horizon,
+    Hydrogen,
+    Load,
+    Material,
+    Mechanics,
+    Mesh,
+    Outputs,
+    Plate,
+    Saturation,
+    Solver,
+    Stepping,
+    Time,
+)
+from pdhe.scene_checks import RESERVED, check_scene
+from pdhe.scene_fields import Block
+from pdhe.scene_history import PiecewiseLinear
+from pdhe.scene_reading import material_mapping, override, read_scene_file, reporting
+from pdhe.units import round15
+
+__all__ = [
+    "CoverageCondition",
+    "Crack",
+    "Damage",
+    "Displacement",
+    "Geometry",
+    "Hole",
+    "Horizon",
+    "Hydrogen",
+    "Load",
+    "Material",
+    "Mechanics",
+    "Mesh",
+    "Outputs",
+    "PiecewiseLinear",
+    "Plate",
+    "Saturation",
+    "Scene",
+    "Solver",
+    "Stepping",
+    "Time",
+    "load_scene",
+    "scene_json_schema",
+]
+
+
+class Scene(Block):
+    """One simulation: geometry, mesh, material, physics, time and outputs. Blocks that are absent are None."""
+
+    title: fields.Text = "Untitled scene"
+    geometry: Geometry
+    mesh: Mesh
+    horizon: Horizon = Horizon(ratio=3.015)
+    material: Material
+    mechanics: Mechanics = Mechanics()
+    loads: Annotated[tuple[Load, ...], BeforeValidator(fields.as_list)] | None = None
+    damage: Damage | None = None
+    hydrogen: Hydrogen | None = None
+    time: Time
+    stepping: Stepping = Stepping()
+    solver: Solver = Solver()
+    outputs: Outputs = Field(default=Outputs(), validate_default=True)
+
+    @field_validator("outputs", mode="after")
+    @classmethod
+    def _resolve_outputs(cls, outputs: Outputs, info: ValidationInfo) -> Outputs:
+        if "time" not in info.data:
+            return outputs
+        return Outputs.model_construct(every=None, count=None, times=outputs.at(info.data["time"].end))
+
+    @model_validator(mode="after")
+    def _check(self) -> "Scene":
+        check_scene(self)
+        return self
+
+    @property
+    def horizon_length(self) -> float:
+        """The horizon (m)."""
+        if self.horizon.length is not None:
+            return self.horizon.length
+        return round15((self.horizon.ratio or 0.0) * self.mesh.spacing)
+
+    @property
+    def node_sets(self) -> tuple[str, ...]:
+        """Names of all node sets: the four edges, ``all``, then holes and cracks."""
+        holes = (hole.name for hole in self.geometry.holes)
+        return (*RESERVED, *holes, *(crack.name for crack in self.geometry.cracks))
+
+    def resolved(self) -> dict[str, Any]:
+        """Return the scene as nested dicts and lists of SI numbers and strings; absent blocks are left out."""
+        return cast(dict[str, Any], _plain(self))
+
+    @classmethod
+    def from_resolved(cls, data: Mapping[str, Any], file: str = "resolved scene") -> "Scene":
+        """Build the scene that :meth:`resolved` described; ``file`` is used in messages.
+
+        Raises
+        ------
+        SceneError
+            If the data are not those of a valid scene.
+        """
+        with reporting(file, data):
+            return cls.model_validate(data, context={"si": True})
+
+    def __hash__(self) -> int:
+        return hash(json.dumps(self.resolved(), sort_keys=True))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Block):
+        plain = {}
+        for name, field in type(value).model_fields.items():
+            item = getattr(value, name)
+            if item is not None:
+                plain[field.alias or name] = _plain(item)
+            elif name in value.null_means_off:
+                plain[field.alias or name] = "off"
+        return plain
+    if isinstance(value, (tuple, list)):
+        return [_plain(item) for item in value]
+    return dict(value) if isinstance(value, dict) else value
+
+
+def load_scene(
+    path: str | Path, overrides: Mapping[str, Any] | None = None, materials_dir: str | Path | None = None
+) -> Scene:
+    """Read, complete and check a scene file.
+
+    Parameters
+    ----------
+    path
+        The YAML file.
+    overrides
+        Values that replace those of the file, by dotted key, for example ``{"mesh.spacing": "2 mm"}``; entries of a
+        list are counted from zero (``loads.0.displacement.y``). None puts a key back to its default.
+    materials_dir
+        Folder of material files. By default ``materials`` beside the folder of the scene file, then
+        ``config/materials`` below the current folder.
+
+    Raises
+    ------
+    SceneError
+        If anything in the file, the overrides or the material file cannot be used.
+    """
+    file = str(path)
+    raw = read_scene_file(path)
+    if isinstance(raw.get("material"), str):
+        raw["material"] = material_mapping(file, raw["material"], materials_dir, Material)
+    for key, value in (overrides or {}).items():
+        override(raw, key, value, file)
+        if isinstance(raw.get("material"), str):
+            raw["material"] = material_mapping(file, raw["material"], materials_dir, Material)
+    with reporting(file, raw, tuple(overrides or ())):
+        return Scene.model_validate(raw)
+
+
+def scene_json_schema() -> dict[str, Any]:
+    """Return the JSON schema of the written form, for editors that complete and check YAML."""
+    schema = Scene.model_json_schema()
+    material = schema["properties"]["material"]
+    name = {"type": "string", "description": "name of a material file, for example `AISI 4340`"}
+    schema["properties"]["material"] = {"anyOf": [name, material]}
+    schema["$defs"]["Hydrogen"]["properties"]["saturation"]["anyOf"].append({"const": "off"})
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "pdhe scene",
+        **cast(dict[str, Any], _without_titles(schema)),
+    }
+
+
+def _without_titles(schema: Any) -> Any:
+    """Drop the titles that pydantic makes from attribute names; they tell an editor nothing."""
+    if isinstance(schema, list):
+        return [_without_titles(item) for item in schema]
+    if not isinstance(schema, dict):
+        return schema
+    return {key: _without_titles(item) for key, item in schema.items() if key != "title" or isinstance(item, dict)}

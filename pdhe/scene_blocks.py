@@ -1,0 +1,261 @@
+"""The blocks of a scene, each valid by itself; :mod:`pdhe.scene_checks` looks at them together."""
+
+import difflib
+from itertools import pairwise
+from typing import Annotated, Any, ClassVar
+
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
+
+from pdhe import scene_fields as fields
+from pdhe.scene_fields import Block, choice, problem
+from pdhe.scene_history import CoverageHistory, DisplacementHistory, PiecewiseLinear
+from pdhe.units import round15
+
+MAX_OUTPUTS = 10_000
+"""Most output times of one run."""
+EMBRITTLEMENT_LAWS = ("serebrinsky",)
+"""Names of the laws by which hydrogen lowers the fracture resistance."""
+
+
+class Plate(Block):
+    """The rectangular plate; its lower-left corner is the origin."""
+
+    width: fields.PositiveLength
+    height: fields.PositiveLength
+    thickness: fields.PositiveLength
+
+
+class Hole(Block):
+    """A circular hole, and the name of the node set around it."""
+
+    name: fields.Name
+    centre: fields.Point
+    radius: fields.PositiveLength
+
+
+class Crack(Block):
+    """A straight crack from start to end, and the name of the node set along its lips."""
+
+    name: fields.Name
+    start: fields.Point = Field(alias="from")
+    end: fields.Point = Field(alias="to")
+
+
+class Geometry(Block):
+    """The plate with its holes and cracks."""
+
+    plate: Plate
+    holes: Annotated[tuple[Hole, ...], BeforeValidator(fields.as_list)] = ()
+    cracks: Annotated[tuple[Crack, ...], BeforeValidator(fields.as_list)] = ()
+
+    @property
+    def width(self) -> float:
+        """Plate width, along x (m)."""
+        return self.plate.width
+
+    @property
+    def height(self) -> float:
+        """Plate height, along y (m)."""
+        return self.plate.height
+
+    @property
+    def thickness(self) -> float:
+        """Plate thickness (m)."""
+        return self.plate.thickness
+
+
+class Mesh(Block):
+    """Spacing (m) and shape of the cells whose centroids are the nodes."""
+
+    spacing: fields.PositiveLength
+    cells: Annotated[str, choice("quadrilateral", "triangle")] = "quadrilateral"
+
+
+class Horizon(Block):
+    """The horizon, as a multiple of the spacing or as a length (m)."""
+
+    ratio: fields.HorizonRatio | None = None
+    length: fields.PositiveLength | None = None
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> "Horizon":
+        if (self.ratio is None) == (self.length is None):
+            raise problem("needs either `ratio` or `length`, not both and not neither", "for example `{ratio: 3.015}`")
+        return self
+
+
+class Material(Block):
+    """Material data; `source` says where each value comes from."""
+
+    name: fields.Text = "unnamed"
+    youngs_modulus: fields.Stiffness
+    poissons_ratio: fields.PoissonsRatio
+    critical_energy_release_rate: fields.EnergyReleaseRate | None = None
+    fracture_toughness: fields.Toughness | None = None
+    density: fields.Density | None = None
+    diffusivity: fields.Diffusivity | None = None
+    saturation_concentration: fields.SaturationConcentration | None = None
+    source: dict[str, fields.Text] = Field(default_factory=dict)
+
+    @field_validator("source", mode="after")
+    @classmethod
+    def _known_sources(cls, source: dict[str, str]) -> dict[str, str]:
+        for key in source:
+            if key not in cls.model_fields:
+                near = difflib.get_close_matches(key, cls.model_fields, 1, 0.5)
+                raise problem("is not a key of a material", f"did you mean `{near[0]}`?" if near else "", key[:60])
+        return source
+
+    @property
+    def toughness(self) -> float | None:
+        """Critical energy release rate G_c (J/m^2): as given, or K_IC^2/E (plane stress); None if neither is given."""
+        if self.critical_energy_release_rate is not None:
+            return self.critical_energy_release_rate
+        if self.fracture_toughness is not None:
+            return round15(self.fracture_toughness**2 / self.youngs_modulus)
+        return None
+
+
+class Mechanics(Block):
+    """The bond model, its weights and the treatment of cells that the horizon cuts."""
+
+    model: Annotated[str, choice("condensed rotation", "thesis spring")] = "condensed rotation"
+    weights: Annotated[str, choice("moment matched", "volume", "energy", "none")] = "moment matched"
+    partial_volume: Annotated[str, choice("auto", "full", "ramp", "thesis")] = "auto"
+
+
+class Displacement(Block):
+    """Prescribed displacement components (m) in time."""
+
+    x: DisplacementHistory | None = None
+    y: DisplacementHistory | None = None
+
+
+class Load(Block):
+    """Displacement prescribed on a node set: at the geometric edge, or at the nodes themselves."""
+
+    on: fields.NodeSet
+    displacement: Displacement
+    at: Annotated[str, choice("edge", "nodes")] = "edge"
+
+    @property
+    def x(self) -> PiecewiseLinear | None:
+        """Prescribed displacement along x (m), None if free."""
+        return self.displacement.x
+
+    @property
+    def y(self) -> PiecewiseLinear | None:
+        """Prescribed displacement along y (m), None if free."""
+        return self.displacement.y
+
+
+class Damage(Block):
+    """When bonds break, and the node sets whose bonds never do."""
+
+    criterion: Annotated[str, choice("energy", "stretch")] = "energy"
+    calibration: Annotated[str, choice("discrete", "continuum")] = "discrete"
+    no_fail: Annotated[tuple[fields.NodeSet, ...], BeforeValidator(fields.as_list)] = ()
+
+
+class CoverageCondition(Block):
+    """Hydrogen coverage prescribed on a node set."""
+
+    on: fields.NodeSet
+    coverage: CoverageHistory
+
+
+class Saturation(Block):
+    """Nodes with more than this damage are held at this coverage: fresh crack faces meet the environment."""
+
+    damage: fields.Fraction = 0.36
+    coverage: fields.Fraction = 1.0
+
+
+def _read_saturation(value: Any) -> Any:
+    return None if value is None or value is False or value == "off" else value
+
+
+class Hydrogen(Block):
+    """Diffusion of hydrogen coverage (0 to 1) and how it embrittles."""
+
+    null_means_off: ClassVar[frozenset[str]] = frozenset({"saturation"})
+
+    kernel: Annotated[str, choice("inverse square", "inverse", "constant")] = "inverse square"
+    initial: fields.Fraction = 0.0
+    boundary: Annotated[tuple[CoverageCondition, ...], BeforeValidator(fields.as_list)] = ()
+    law: Annotated[str, choice(*EMBRITTLEMENT_LAWS)] = "serebrinsky"
+    degradation: Annotated[str, choice("stretch", "energy")] = "stretch"
+    saturation: Annotated[Saturation | None, BeforeValidator(_read_saturation)] = Saturation()
+
+
+class Time(Block):
+    """The end of the simulation (s); it starts at zero."""
+
+    end: fields.Time
+
+
+class Stepping(Block):
+    """How time advances: from one bond failure to the next, or in fixed steps."""
+
+    mode: Annotated[str, choice("events", "fixed")] = "events"
+    grouping: fields.Grouping | None = Field(default=None, validate_default=True)
+    load_steps: fields.Count | None = Field(default=None, validate_default=True)
+    diffusion_substeps: fields.Count | None = Field(default=None, validate_default=True)
+
+    @field_validator("grouping", "load_steps", "diffusion_substeps", mode="after")
+    @classmethod
+    def _fits_mode(cls, value: float | None, info: ValidationInfo) -> float | None:
+        owner = "events" if info.field_name == "grouping" else "fixed"
+        chosen = info.data.get("mode", owner)
+        if value is not None and chosen != owner:
+            raise problem(f"belongs to mode `{owner}`", f"write `mode: {owner}`, or leave this key out")
+        if value is None and chosen == owner:
+            if owner == "fixed":
+                raise problem("is missing", "mode `fixed` needs `load_steps` and `diffusion_substeps`")
+            return 0.05
+        return value
+
+
+class Solver(Block):
+    """Relative residual at which an equilibrium counts as found, and the most iterations to get there."""
+
+    tolerance: fields.Tolerance = 1e-6
+    max_iterations: fields.Count = 5000
+
+
+class Outputs(Block):
+    """Output times (s): requested as `every`, `count` or `times`, and `times` alone once resolved."""
+
+    every: fields.PositiveTime | None = None
+    count: fields.SmallCount | None = None
+    times: Annotated[tuple[fields.Time, ...], BeforeValidator(fields.as_list)] | None = None
+
+    def at(self, end: float) -> tuple[float, ...]:
+        """Return the sorted output times for a run that ends at ``end`` (s), with 0 and ``end``."""
+        given = [key for key in ("every", "count", "times") if getattr(self, key) is not None]
+        if len(given) > 1:
+            raise problem(f"gives {' and '.join(f'`{key}`' for key in given)}", "give one of `every`, `count`, `times`")
+        if self.times is not None:
+            for earlier, later in pairwise(self.times):
+                if later <= earlier:
+                    text = f"are not increasing, {later:g} s after {earlier:g} s"
+                    raise problem(text, "write each time once, in increasing order", "times")
+            if self.times and self.times[-1] > end:
+                text = f"go beyond the end at {end:g} s ({self.times[-1]:g} s)"
+                raise problem(text, "leave the later ones out, or raise `time.end`", "times")
+            if len(self.times) > MAX_OUTPUTS:
+                raise problem(f"are {len(self.times)}, more than {MAX_OUTPUTS}", "give fewer", "times")
+            wanted = list(self.times)
+        elif self.every is not None:
+            intervals = end / self.every
+            if intervals > MAX_OUTPUTS:
+                text = f"gives {intervals:.3g} outputs, more than {MAX_OUTPUTS}"
+                raise problem(text, f"use at least {end / MAX_OUTPUTS:.3g} s", "every")
+            whole = int(intervals * (1.0 + 1e-9))
+            wanted = [min(round15(self.every * k), end) for k in range(whole + 1)]
+            if wanted and end > 0.0 and abs(wanted[-1] - end) <= 1e-9 * end:
+                wanted[-1] = end
+        else:
+            count = self.count or 40
+            wanted = [round15(end * k / count) for k in range(count + 1)]
+        return tuple(sorted({0.0, *wanted, end}))

@@ -1,0 +1,264 @@
+"""Checks of a scene that look at more than one block: geometry, node sets, contradictions, missing physics.
+
+Each check raises the first problem it finds, with the dotted key of the entry to change.
+"""
+
+import difflib
+import math
+from itertools import combinations
+from typing import TYPE_CHECKING, Any
+
+from pdhe.scene_fields import problem
+
+if TYPE_CHECKING:
+    from pdhe.scene import Scene
+    from pdhe.scene_blocks import Crack, Hole
+    from pdhe.scene_history import PiecewiseLinear
+
+MAX_NODES = 5_000_000
+"""Most nodes of one scene."""
+MIN_HORIZON_RATIO = 1.2
+"""Smallest horizon in units of the spacing at which every node keeps its four nearest neighbours on a rough mesh."""
+RESERVED = ("left", "right", "bottom", "top", "all")
+"""Node set names that every plate has."""
+
+Segment = tuple[tuple[float, float], tuple[float, float]]
+
+
+def check_scene(scene: "Scene") -> None:
+    """Raise the first problem of a scene whose blocks are valid one by one."""
+    _check_mesh(scene)
+    _check_names(scene)
+    _check_holes(scene)
+    _check_cracks(scene)
+    _check_physics(scene)
+    _check_material(scene)
+    _check_node_sets(scene)
+    _check_loads(scene)
+    _check_coverage(scene)
+
+
+def _mm(*lengths: float) -> str:
+    return " x ".join(f"{1e3 * length:g}" for length in lengths) + " mm"
+
+
+def _check_mesh(scene: "Scene") -> None:
+    width, height, spacing = scene.geometry.width, scene.geometry.height, scene.mesh.spacing
+    if spacing > min(width, height):
+        hint = f"use a fraction of the smaller side, {_mm(min(width, height))}"
+        raise problem(f"is larger than the plate, {_mm(width, height)}", hint, "mesh.spacing")
+    nodes = (width / spacing) * (height / spacing)
+    if nodes > MAX_NODES:
+        least = math.sqrt(width * height / MAX_NODES)
+        text = f"gives about {nodes:.3g} nodes, more than {MAX_NODES:.0e}"
+        raise problem(text, f"use at least {_mm(float(f'{1.01 * least:.3g}'))}", "mesh.spacing")
+    key = "horizon.ratio" if scene.horizon.ratio is not None else "horizon.length"
+    if scene.horizon_length < MIN_HORIZON_RATIO * spacing * (1.0 - 1e-12):
+        text = f"is a horizon of {scene.horizon_length / spacing:.4g} spacings, which leaves nodes without neighbours"
+        raise problem(text, f"use at least {MIN_HORIZON_RATIO} spacings; 3.015 is customary", key)
+    if scene.horizon_length >= min(width, height):
+        text = f"is a horizon of {_mm(scene.horizon_length)}, not smaller than the plate, {_mm(width, height)}"
+        raise problem(text, "use a smaller horizon or a finer spacing", key)
+
+
+def _named(scene: "Scene") -> "list[tuple[str, Hole | Crack]]":
+    holes = [(f"geometry.holes.{k}", hole) for k, hole in enumerate(scene.geometry.holes)]
+    return [*holes, *((f"geometry.cracks.{k}", crack) for k, crack in enumerate(scene.geometry.cracks))]
+
+
+def _check_names(scene: "Scene") -> None:
+    taken: dict[str, str] = {}
+    for key, item in _named(scene):
+        name = item.name.lower()
+        if name in RESERVED:
+            hint = f"{', '.join(f'`{word}`' for word in RESERVED)} name parts of every plate"
+            raise problem("is a reserved name", hint, f"{key}.name")
+        if name in taken:
+            hint = "names of holes and cracks must differ in more than capitals"
+            raise problem(f"is already the name of {taken[name]}", hint, f"{key}.name")
+        taken[name] = key
+
+
+def _check_holes(scene: "Scene") -> None:
+    width, height = scene.geometry.width, scene.geometry.height
+    for k, hole in enumerate(scene.geometry.holes):
+        key, (x, y) = f"geometry.holes.{k}", hole.centre
+        if not (0.0 <= x <= width and 0.0 <= y <= height):
+            raise problem("is outside the plate", f"the plate is {_mm(width, height)} from (0, 0)", f"{key}.centre")
+        if hole.radius < scene.mesh.spacing:
+            hint = f"use a radius of at least one spacing, {_mm(scene.mesh.spacing)}"
+            raise problem("is smaller than the spacing and cannot be meshed", hint, f"{key}.radius")
+        room = min(x, y, width - x, height - y)
+        if hole.radius >= room * (1.0 - 1e-9):
+            raise problem("reaches the edge of the plate", f"use a radius below {_mm(room)}", f"{key}.radius")
+        for other in scene.geometry.holes[:k]:
+            if math.dist(hole.centre, other.centre) <= (hole.radius + other.radius) * (1.0 + 1e-9):
+                raise problem(f"overlaps the hole `{other.name}`", "keep material between holes", f"{key}.centre")
+
+
+def _check_cracks(scene: "Scene") -> None:
+    width, height, spacing = scene.geometry.width, scene.geometry.height, scene.mesh.spacing
+    slack = 1e-9 * max(width, height)
+    for k, crack in enumerate(scene.geometry.cracks):
+        key = f"geometry.cracks.{k}"
+        for end, (x, y) in (("from", crack.start), ("to", crack.end)):
+            if not (-slack <= x <= width + slack and -slack <= y <= height + slack):
+                hint = f"the plate is {_mm(width, height)} from (0, 0); a crack may end on its edge"
+                raise problem("is outside the plate", hint, f"{key}.{end}")
+        length = math.dist(crack.start, crack.end)
+        if length <= slack:
+            raise problem("is the point where the crack starts: it has no length", "move one end", f"{key}.to")
+        if length < spacing * (1.0 - 1e-9):
+            text = f"makes the crack {_mm(length)} long, shorter than the spacing, {_mm(spacing)}"
+            raise problem(text, "refine the mesh or lengthen the crack", f"{key}.to")
+        for axis, side in ((0, width), (1, height)):
+            for level in (0.0, side):
+                if max(abs(crack.start[axis] - level), abs(crack.end[axis] - level)) <= slack:
+                    raise problem("puts the crack along the edge, where it cuts nothing", "move it inside", f"{key}.to")
+        for hole in scene.geometry.holes:
+            if max(math.dist(hole.centre, crack.start), math.dist(hole.centre, crack.end)) <= hole.radius:
+                raise problem(f"leaves the crack inside the hole `{hole.name}`", "move the crack", f"{key}.to")
+        for other in scene.geometry.cracks[:k]:
+            same = min(
+                math.dist(crack.start, other.start) + math.dist(crack.end, other.end),
+                math.dist(crack.start, other.end) + math.dist(crack.end, other.start),
+            )
+            if same <= slack:
+                raise problem(f"repeats the crack `{other.name}`", "keep one of them", f"{key}.to")
+
+
+def _check_physics(scene: "Scene") -> None:
+    if scene.damage is not None and scene.loads is None:
+        hint = "damage follows from stretched bonds: add `loads`, or leave `damage` out"
+        raise problem("needs loads", hint, "damage")
+    if scene.loads is None and scene.hydrogen is None:
+        raise problem("neither loads nor hydrogen is given: there is nothing to compute", "add `loads` or `hydrogen`")
+    if scene.loads is not None and not scene.loads:
+        raise problem("is an empty list", "add a load, or leave `loads` out for diffusion alone", "loads")
+    if scene.hydrogen is not None and scene.material.diffusivity is None:
+        hint = "add for example `diffusivity: 0.84e-9 m^2/s` to the material, or leave `hydrogen` out"
+        raise problem("is missing, and hydrogen diffusion needs it", hint, "material.diffusivity")
+    if scene.damage is not None and scene.material.toughness is None:
+        hint = "add `fracture_toughness` or `critical_energy_release_rate` to the material, or leave `damage` out"
+        raise problem("is missing, and damage needs it", hint, "material.fracture_toughness")
+
+
+def _check_material(scene: "Scene") -> None:
+    material = scene.material
+    if material.youngs_modulus < 1.0:
+        raise problem("is less than 1 Pa", "`MPa` is megapascal, `mPa` is millipascal", "material.youngs_modulus")
+    if material.fracture_toughness is not None and material.critical_energy_release_rate is not None:
+        implied = material.fracture_toughness**2 / material.youngs_modulus
+        if not math.isclose(implied, material.critical_energy_release_rate, rel_tol=0.01):
+            text = f"contradicts `fracture_toughness`, which means {implied:.6g} J/m^2 (K^2/E, plane stress)"
+            raise problem(text, "give one of the two", "material.critical_energy_release_rate")
+    if scene.loads is None:
+        return
+    nu, key = material.poissons_ratio, "material.poissons_ratio"
+    if nu <= -0.9:
+        raise problem("is outside the range of the bond model", "it must be greater than -0.9", key)
+    if scene.mechanics.model == "thesis spring" and nu > 1.0 / 3.0 + 1e-9:
+        text = "is above 1/3, where the tangential springs are negative and a rotation releases energy (indefinite)"
+        raise problem(text, "use `mechanics: {model: condensed rotation}`", key)
+
+
+def _check_node_sets(scene: "Scene") -> None:
+    places = [(f"loads.{k}.on", load.on) for k, load in enumerate(scene.loads or ())]
+    if scene.hydrogen is not None:
+        places += [(f"hydrogen.boundary.{k}.on", item.on) for k, item in enumerate(scene.hydrogen.boundary)]
+    if scene.damage is not None:
+        places += [(f"damage.no_fail.{k}", name) for k, name in enumerate(scene.damage.no_fail)]
+        for k, name in enumerate(scene.damage.no_fail):
+            if name in scene.damage.no_fail[:k]:
+                raise problem("is listed twice", "keep one of them", f"damage.no_fail.{k}")
+    for key, name in places:
+        if name not in scene.node_sets:
+            near = difflib.get_close_matches(name, scene.node_sets, 1, 0.5)
+            listed = ", ".join(f"`{item}`" for item in scene.node_sets)
+            hint = (f"did you mean `{near[0]}`? " if near else "") + f"node sets of this scene: {listed}"
+            raise problem("is not a node set", hint, key)
+
+
+def _check_loads(scene: "Scene") -> None:
+    largest = max(scene.geometry.width, scene.geometry.height)
+    prescribed: list[tuple[str, str, str, PiecewiseLinear]] = []
+    for k, load in enumerate(scene.loads or ()):
+        if load.x is None and load.y is None:
+            hint = "give `x`, `y` or both, for example `{y: 0.02 mm}`; a free node set needs no load"
+            raise problem("prescribes nothing", hint, f"loads.{k}.displacement")
+        for component, history in (("x", load.x), ("y", load.y)):
+            if history is None:
+                continue
+            key = f"loads.{k}.displacement.{component}"
+            if max(abs(value) for value in history.values) > largest:
+                raise problem(f"is larger than the plate, {_mm(largest)}", "check the unit", key)
+            prescribed.append((key, load.on, component, history))
+    for one, two in combinations(prescribed, 2):
+        if one[2] == two[2]:
+            _check_pair(scene, one[0], one[1], one[3], two[0], two[1], two[3])
+
+
+def _check_coverage(scene: "Scene") -> None:
+    conditions = enumerate(scene.hydrogen.boundary if scene.hydrogen else ())
+    prescribed = [(f"hydrogen.boundary.{k}.coverage", item.on, item.coverage) for k, item in conditions]
+    for one, two in combinations(prescribed, 2):
+        _check_pair(scene, *one, *two)
+
+
+def _check_pair(
+    scene: "Scene", key1: str, on1: str, value1: "PiecewiseLinear", key2: str, on2: str, value2: "PiecewiseLinear"
+) -> None:
+    """Refuse two prescriptions of one quantity that share nodes, unless they agree at every time."""
+    if on1 == on2:
+        raise problem(f"prescribes what `{key1}` already prescribes on `{on1}`", "keep one of them", key2)
+    if value1.equals(value2) or not _touch(scene, on1, on2):
+        return
+    text = f"contradicts `{key1}`: `{on1}` and `{on2}` share nodes"
+    raise problem(text, "give both the same value at every time, or leave one out", key2)
+
+
+def _touch(scene: "Scene", on1: str, on2: str) -> bool:
+    """Tell whether two node sets share nodes, judged by the distance of the lines they follow."""
+    if "all" in (on1, on2):
+        return True
+    (line1, radius1), (line2, radius2) = _line(scene, on1), _line(scene, on2)
+    if on1 in RESERVED and on2 in RESERVED:
+        return {on1, on2} not in ({"left", "right"}, {"bottom", "top"})
+    distance = _segment_distance(line1, line2)
+    return distance - radius1 - radius2 < scene.mesh.spacing
+
+
+def _line(scene: "Scene", name: str) -> tuple[Segment, float]:
+    """Return the segment that a node set follows, and the radius around it (zero except for holes)."""
+    width, height = scene.geometry.width, scene.geometry.height
+    edges: dict[str, Any] = {
+        "left": ((0.0, 0.0), (0.0, height)),
+        "right": ((width, 0.0), (width, height)),
+        "bottom": ((0.0, 0.0), (width, 0.0)),
+        "top": ((0.0, height), (width, height)),
+    }
+    if name in edges:
+        return edges[name], 0.0
+    for hole in scene.geometry.holes:
+        if hole.name == name:
+            return (hole.centre, hole.centre), hole.radius
+    crack = next(crack for crack in scene.geometry.cracks if crack.name == name)
+    return (crack.start, crack.end), 0.0
+
+
+def _segment_distance(one: Segment, two: Segment) -> float:
+    """Return the smallest distance between two segments (m)."""
+
+    def turn(a: Any, b: Any, c: Any) -> float:
+        return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+
+    def to_segment(point: Any, segment: Segment) -> float:
+        (ax, ay), (bx, by) = segment
+        square = (bx - ax) ** 2 + (by - ay) ** 2
+        along = 0.0 if square == 0.0 else ((point[0] - ax) * (bx - ax) + (point[1] - ay) * (by - ay)) / square
+        along = min(max(along, 0.0), 1.0)
+        return math.dist(point, (ax + along * (bx - ax), ay + along * (by - ay)))
+
+    if turn(*one, two[0]) * turn(*one, two[1]) < 0.0 and turn(*two, one[0]) * turn(*two, one[1]) < 0.0:
+        return 0.0
+    return min(*(to_segment(end, two) for end in one), *(to_segment(end, one) for end in two))
