@@ -1,0 +1,16 @@
+"""The list of topics, in the order of the page."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+from pdhe.verification.report import Report
+
+#: Topic -> module that holds ``run(settings) -> Report``. A new topic is one line here.
+TOPICS: dict[str, str] = {}
+
+
+def run_topic(topic: str, settings: dict[str, Any] | None = None) -> Report:
+    """Run one topic; settings override the topic's own defaults."""
+    return import_module(TOPICS[topic]).run(**(settings or {}))
