@@ -4,7 +4,9 @@ The loader is a small, strict part of YAML 1.2: ``on``, ``off``, ``yes`` and ``n
 ``010`` is ten, dates are text, duplicate keys are refused, and tags, merge keys and self-references do not exist.
 """
 
+import copy
 import re
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -194,4 +196,10 @@ def read_yaml(path: str | Path) -> dict[Any, Any]:
         line = content.count(b"\n", 0, error.start) + 1
         problem = f"is not UTF-8 text (line {line})"
         raise SceneError(file, "", None, problem, "save the file with UTF-8 encoding") from None
+    return copy.deepcopy(_parsed(text, file))
+
+
+@lru_cache(maxsize=32)
+def _parsed(text: str, file: str) -> dict[Any, Any]:
+    """Parse a text once: a study reads the same scene for every case, and parsing is most of that."""
     return parse_yaml(text, file)
