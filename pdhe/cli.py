@@ -1,0 +1,253 @@
+"""Command line: one subcommand a step; each calls one function of the package and does nothing else.
+
+What a subcommand needs is imported when it runs, so that help and errors come at once.
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+from collections.abc import Sequence
+from importlib import metadata
+from pathlib import Path
+
+from pdhe.errors import PdheError
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit status.
+
+    Parameters
+    ----------
+    argv
+        Arguments without the name of the program; those of the process when None.
+
+    Returns
+    -------
+    int
+        0 after success, 1 after an error that is explained on standard error, 130 after an interruption.
+    """
+    arguments = _parser().parse_args(argv)
+    try:
+        arguments.run(arguments)
+    except (PdheError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+    return 0
+
+
+def mesh(arguments: argparse.Namespace) -> None:
+    """Mesh a geometry."""
+    from pdhe.mesh import make_mesh
+
+    spec = _json(arguments.spec, "--spec")
+    make_mesh(*_mesh_blocks(spec), _ready(arguments.out))
+
+
+def nodes(arguments: argparse.Namespace) -> None:
+    """Turn a mesh into nodes with volumes and node sets."""
+    from pdhe.discretization import discretize, write_discretization
+
+    spec = _json(arguments.spec, "--spec")
+    write_discretization(discretize(arguments.mesh, *_mesh_blocks(spec)), _ready(arguments.out))
+
+
+def solve(arguments: argparse.Namespace) -> None:
+    """Solve a scene on given nodes."""
+    from pdhe.discretization import read_discretization
+    from pdhe.scene import Scene
+    from pdhe.simulation import solve_case
+
+    out = _ready(arguments.out)
+    scene = Scene.from_resolved({"title": out.stem, **_json(arguments.spec, "--spec")})
+    solve_case(scene, read_discretization(arguments.nodes), out, progress=_progress)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Mesh and solve one scene file without the workflow."""
+    from pdhe.discretization import discretize
+    from pdhe.mesh import make_mesh
+    from pdhe.scene import load_scene
+    from pdhe.simulation import solve_case
+
+    out = _ready(arguments.out)
+    scene = load_scene(arguments.scene)
+    mesh_file = out.with_suffix(".msh")
+    make_mesh(scene.geometry, scene.mesh, mesh_file)
+    solve_case(scene, discretize(mesh_file, scene.geometry, scene.mesh), out, progress=_progress)
+
+
+def plan(arguments: argparse.Namespace) -> None:
+    """Tell what a scene would compute, and at what cost."""
+    from pdhe.case import build_case
+    from pdhe.discretization import discretize
+    from pdhe.mesh import make_mesh
+    from pdhe.plan import make_plan
+    from pdhe.scene import load_scene
+
+    scene = load_scene(arguments.scene)
+    with tempfile.TemporaryDirectory() as folder:
+        mesh_file = Path(folder, "plan.msh")
+        make_mesh(scene.geometry, scene.mesh, mesh_file)
+        print(make_plan(build_case(scene, discretize(mesh_file, scene.geometry, scene.mesh))))
+
+
+def validate(arguments: argparse.Namespace) -> None:
+    """Check scene and study files; every file is checked, also after an error in one of them."""
+    from pdhe.scene import load_scene
+    from pdhe.study import load_study
+    from pdhe.yamlfile import read_yaml
+
+    failed = 0
+    for file in arguments.files:
+        try:
+            content = read_yaml(file)
+            if isinstance(content, dict) and "study" in content:
+                print(f"{file}: study with {len(load_study(file).cases)} case(s)")
+            else:
+                print(f"{file}: scene '{load_scene(file).title}'")
+        except PdheError as error:
+            print(f"error: {error}", file=sys.stderr)
+            failed += 1
+    if failed:
+        raise PdheError(f"{failed} of {len(arguments.files)} file(s) cannot be used")
+
+
+def schema(arguments: argparse.Namespace) -> None:
+    """Write the JSON schema of scene files, for editors that complete and check them."""
+    from pdhe.scene import scene_json_schema
+
+    _write(arguments.out, json.dumps(scene_json_schema(), indent=2) + "\n")
+
+
+def index(arguments: argparse.Namespace) -> None:
+    """Write the table of the cases of a study."""
+    from pdhe.study import load_study
+
+    _write(arguments.out, load_study(arguments.study).table())
+
+
+def figures(arguments: argparse.Namespace) -> None:
+    """Draw one picture of a result."""
+    from pdhe.plotting import draw
+
+    draw(arguments.kind, arguments.result, _json(arguments.style, "--style"), _ready(arguments.out))
+
+
+def animate(arguments: argparse.Namespace) -> None:
+    """Draw one picture of a result as an animation over time."""
+    from pdhe.plotting import animate as draw_animation
+
+    draw_animation(arguments.kind, arguments.result, _json(arguments.style, "--style"), _ready(arguments.out))
+
+
+def history(arguments: argparse.Namespace) -> None:
+    """Write the curves over time as a table and draw them."""
+    if not (arguments.out_csv or arguments.out_png):
+        raise PdheError("nothing to write: give --out-csv, --out-png or both")
+    if arguments.out_csv:
+        from pdhe.post import history_table
+
+        _write(arguments.out_csv, history_table(arguments.result))
+    if arguments.out_png:
+        from pdhe.plotting import draw_history
+
+        draw_history(arguments.result, _ready(arguments.out_png))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="pdhe", description="Studies of hydrogen-assisted fracture.")
+    parser.add_argument("--version", action="version", version=f"pdhe {_version()}")
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+
+    def add(function, *options):
+        summary = function.__doc__.splitlines()[0]
+        command = commands.add_parser(function.__name__, help=summary, description=summary)
+        for names, settings in options:
+            command.add_argument(*names, **settings)
+        command.set_defaults(run=function)
+
+    def option(*names, **settings):
+        return names, settings
+
+    def file(*names, help, required=True):
+        return option(*names, help=help, required=required, type=Path, metavar="FILE")
+
+    spec = option("--spec", required=True, metavar="JSON", help="resolved blocks of the scene, SI")
+    style = option("--style", default="{}", metavar="JSON", help="style of the figures")
+    result = file("--result", help="result of a solve")
+    kind = option("--kind", required=True, choices=("damage", "displacement", "coverage"), help="field to draw")
+    scene = option("scene", type=Path, metavar="SCENE", help="scene file")
+    anywhere = file("--out", help="file to write; standard output when not given", required=False)
+
+    add(run, scene, file("--out", help="result to write; the mesh goes beside it"))
+    add(plan, scene)
+    add(validate, option("files", nargs="+", type=Path, metavar="FILE", help="scene or study file"))
+    add(schema, anywhere)
+    add(mesh, spec, file("--out", help="mesh to write"))
+    add(nodes, spec, file("--mesh", help="mesh to read"), file("--out", help="nodes to write"))
+    add(solve, spec, file("--nodes", help="nodes to read"), file("--out", help="result to write"))
+    add(figures, result, kind, style, file("--out", help="picture to write"))
+    add(animate, result, kind, style, file("--out", help="animation to write"))
+    add(
+        history,
+        result,
+        file("--out-csv", help="table to write", required=False),
+        file("--out-png", help="picture to write", required=False),
+    )
+    add(index, option("study", type=Path, metavar="STUDY", help="study file"), anywhere)
+    return parser
+
+
+def _version() -> str:
+    try:
+        return metadata.version("pdhe")
+    except metadata.PackageNotFoundError:
+        return "(not installed)"
+
+
+def _json(text: str, name: str) -> dict:
+    """Read a JSON object given as an option."""
+    try:
+        value = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise PdheError(f"{name} is not JSON: {error}") from error
+    if not isinstance(value, dict):
+        raise PdheError(f"{name} needs a JSON object, not {text}")
+    return value
+
+
+def _mesh_blocks(spec: dict) -> tuple:
+    """Return the geometry and mesh blocks of a stage description as the objects the scene has."""
+    from pdhe.scene import Geometry, Mesh
+    from pdhe.scene_reading import reporting
+
+    blocks = []
+    for name, block in (("geometry", Geometry), ("mesh", Mesh)):
+        if name not in spec:
+            raise PdheError(f"--spec has no block '{name}'")
+        with reporting("--spec", spec[name]):
+            blocks.append(block.model_validate(spec[name], context={"si": True}))
+    return tuple(blocks)
+
+
+def _ready(path: Path) -> Path:
+    """Make the folder of a file that is about to be written."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
+
+
+def _write(path: Path | None, text: str) -> None:
+    """Write a text to a file, or to standard output when there is none."""
+    if path is None:
+        sys.stdout.write(text)
+    else:
+        _ready(path).write_text(text, encoding="utf-8")
+
+
+def _progress(message: str) -> None:
+    """Show the progress of a solve."""
+    print(message, flush=True)
