@@ -1,0 +1,54 @@
+"""Studies of hydrogen-assisted fracture: mesh, nodes, solve, figures, report.
+
+    snakemake --cores 2                                             everything that config/config.yaml lists
+    snakemake --cores 2 --configfile config/studies/smoke.yaml      one study
+    snakemake --cores 2 figures                                     pictures and animations only
+    snakemake -n                                                    what would run, and why
+
+Meshes and solutions are kept under results/store by a digest of the parameters they depend on, so that studies share
+them and a study that changes computes what is new and nothing else.
+"""
+
+from snakemake.utils import min_version
+
+min_version("9.20")
+
+
+configfile: "config/config.yaml"
+
+
+report: "workflow/report/workflow.rst"
+
+
+include: "workflow/rules/common.smk"
+include: "workflow/rules/mesh.smk"
+include: "workflow/rules/nodes.smk"
+include: "workflow/rules/solve.smk"
+include: "workflow/rules/figures.smk"
+include: "workflow/rules/report.smk"
+
+
+localrules:
+    all,
+    figures,
+    results,
+
+
+rule results:
+    input:
+        SOLUTIONS,
+        HISTORIES,
+        PICTURES,
+        INDEXES,
+
+
+rule all:
+    default_target: True
+    input:
+        rules.results.input,
+        REPORT,
+
+
+rule figures:
+    input:
+        PICTURES,

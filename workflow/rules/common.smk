@@ -1,0 +1,79 @@
+"""The cases of the configured studies, and what the rules look up in them."""
+
+import json
+import os
+import re
+import shlex
+import sys
+from pathlib import Path
+
+from pdhe.errors import PdheError
+from pdhe.provenance import canonical, digest, fingerprint
+from pdhe.study import load_studies
+
+# Jobs find the programs of this environment, whether or not it is activated.
+shell.prefix(f"export PATH={Path(sys.executable).parent}:$PATH; ")
+
+try:
+    STUDIES = {study.name: study for study in load_studies(config, workflow.configfiles)}
+except PdheError as error:
+    sys.exit(f"error: {error}")
+
+CASES = {(study.name, case.name): case for study in STUDIES.values() for case in study.cases}
+MESHES = {case.mesh_id: case for case in CASES.values()}
+SOLVES = {case.solve_id: case for case in CASES.values()}
+
+SOLUTIONS = [f"results/store/solve/{solve_id}.nc" for solve_id in SOLVES]
+HISTORIES = [f"results/{study}/{case}/history.{end}" for study, case in CASES for end in ("csv", "png")]
+PICTURES = [
+    f"results/{study}/{name}/{kind}.{end}"
+    for (study, name), case in CASES.items()
+    for kind in case.pictures
+    for end in (("png", "gif") if STUDIES[study].animations else ("png",))
+]
+INDEXES = [f"results/{study}/cases.csv" for study in STUDIES]
+
+# A study that was given on the command line has a report of its own.
+REPORT = f"results/{next(iter(STUDIES))}/report.html" if "study" in config else "results/report.html"
+CAPTIONS = sorted(os.path.relpath(path) for path in Path(workflow.basedir, "workflow/report").glob("*.rst"))
+
+# Options with which another Snakemake sees the same workflow; the report is made by one.
+SAME_CONFIGURATION = f"--snakefile {shlex.quote(os.path.relpath(workflow.main_snakefile))}"
+if workflow.config_settings.configfiles:
+    SAME_CONFIGURATION += " --configfile " + " ".join(shlex.quote(str(f)) for f in workflow.config_settings.configfiles)
+if workflow.config_settings.config:
+    settings = (f"{key}={json.dumps(value)}" for key, value in workflow.config_settings.config.items())
+    SAME_CONFIGURATION += " --config " + " ".join(map(shlex.quote, settings))
+
+
+wildcard_constraints:
+    study="|".join(map(re.escape, STUDIES)),
+    case="|".join(map(re.escape, dict.fromkeys(name for _, name in CASES))),
+    kind="damage|displacement|coverage",
+    mesh_id="[^/]+",
+    solve_id="[^/]+",
+
+
+def mesh_spec(wildcards):
+    return MESHES[wildcards.mesh_id].mesh_spec
+
+
+def solve_spec(wildcards):
+    return SOLVES[wildcards.solve_id].solve_spec
+
+
+def nodes_of(wildcards):
+    return f"results/store/nodes/{SOLVES[wildcards.solve_id].mesh_id}.nc"
+
+
+def result_of(wildcards):
+    return f"results/store/solve/{CASES[wildcards.study, wildcards.case].solve_id}.nc"
+
+
+def style_of(wildcards):
+    return canonical(STUDIES[wildcards.study].style)
+
+
+def solve_threads(wildcards):
+    """An equal share of the cores for every solve; results do not depend on it."""
+    return max(1, (workflow.cores or 1) // len(SOLVES))

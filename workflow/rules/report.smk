@@ -1,0 +1,22 @@
+localrules:
+    report,
+
+
+rule report:
+    input:
+        HISTORIES,
+        PICTURES,
+        INDEXES,
+        captions=CAPTIONS,
+    output:
+        REPORT,
+    log:
+        "logs/report.log",
+    benchmark:
+        "logs/benchmark/report.tsv"
+    conda:
+        "../envs/pdhe.yaml"
+    params:
+        options=SAME_CONFIGURATION,
+    shell:
+        "python -m snakemake results {params.options} --nolock --report {output:q} > {log:q} 2>&1"

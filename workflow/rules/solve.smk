@@ -1,0 +1,18 @@
+rule solve:
+    input:
+        nodes=nodes_of,
+    output:
+        "results/store/solve/{solve_id}.nc",
+    log:
+        "logs/solve/{solve_id}.log",
+    benchmark:
+        "logs/benchmark/solve/{solve_id}.tsv"
+    conda:
+        "../envs/pdhe.yaml"
+    threads: solve_threads
+    params:
+        spec=solve_spec,
+        code=fingerprint("pdhe.simulation"),
+    shell:
+        "NUMBA_NUM_THREADS={threads} python -m pdhe solve"
+        " --spec {params.spec:q} --nodes {input.nodes:q} --out {output:q} > {log:q} 2>&1"
