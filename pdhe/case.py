@@ -8,7 +8,7 @@ import numpy as np
 
 from pdhe.bonds import Bonds, build_bonds
 from pdhe.boundary import DisplacementConditions, Prescribed
-from pdhe.damage import FailureRule, critical_stretch
+from pdhe.damage import FailureRule, critical_stretch, crossing_sum
 from pdhe.discretization import Discretization
 from pdhe.embrittlement import LAWS, resistance
 from pdhe.errors import SceneError
@@ -90,7 +90,7 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
             d.coordinates,
             (scene.geometry.width, scene.geometry.height),
         )
-        body = Body(bonds, model, d.volume)
+        body = Body(bonds, model, d.coordinates, d.volume)
         equilibrium = Equilibrium(
             body, conditions.fixed, d.coordinates, d.spacing, scene.solver.tolerance, scene.solver.max_iterations
         )
@@ -127,8 +127,9 @@ def _failure_rule(scene: Scene, d: Discretization, bonds: Bonds, model) -> Failu
         def weakened(psi: np.ndarray) -> np.ndarray:
             return resistance(law, degradation, psi)
 
-    critical = critical_stretch(model, bonds, d.volume, scene.material.toughness, settings.calibration)
-    return FailureRule(critical, settings.criterion == "energy", weakened, may_fail)
+    crossing = crossing_sum(bonds, d.volume)
+    critical = critical_stretch(model, crossing, scene.material.toughness, settings.calibration)
+    return FailureRule(critical, crossing, settings.criterion == "energy", weakened, may_fail)
 
 
 def _diffusion(scene: Scene, d: Discretization, bonds: Bonds, partial: str) -> Diffusion:

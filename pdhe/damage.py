@@ -31,17 +31,16 @@ def crossing_sum(bonds: Bonds, volume: np.ndarray) -> float:
     return float(0.5 * across.min() / volume[interior].sum())
 
 
-def critical_stretch(
-    model: CondensedRotation, bonds: Bonds, volume: np.ndarray, toughness: float, calibration: str
-) -> float:
+def critical_stretch(model: CondensedRotation, crossing: float, toughness: float, calibration: str) -> float:
     """Critical stretch of a dry bond for a fracture energy ``toughness``, J/m^2.
 
     ``continuum`` uses the integral over a full disc, ``G = k_n s_c^2 h delta^4 / 4`` (theory, eq. 5.3); ``discrete`` the bonds
-    that the actual set of nodes has, which differ from the integral by up to 18 % in energy.
+    that the actual set of nodes has (``crossing`` from :func:`crossing_sum`), which differ from the integral by up to 18 %
+    in energy.
     """
     if calibration == "continuum":
         return float(np.sqrt(4.0 * toughness / (model.normal * model.thickness * model.horizon**4)))
-    return float(np.sqrt(2.0 * toughness / (model.normal * crossing_sum(bonds, volume))))
+    return float(np.sqrt(2.0 * toughness / (model.normal * crossing)))
 
 
 @dataclass(frozen=True)
@@ -52,6 +51,8 @@ class FailureRule:
     ----------
     critical
         Dry critical stretch.
+    crossing
+        What :func:`crossing_sum` gives for these bonds, m^5.
     by_energy
         Compare the bond's whole energy (as a stretch without shear) instead of its stretch alone.
     resistance
@@ -61,6 +62,7 @@ class FailureRule:
     """
 
     critical: float
+    crossing: float
     by_energy: bool
     resistance: Callable[[np.ndarray], np.ndarray] | None
     may_fail: np.ndarray
@@ -88,7 +90,7 @@ class Candidates:
         self.bond = np.flatnonzero(near & rule.may_fail & body.intact)
         self.i, self.j = _owners(body.bonds, self.bond), body.bonds.neighbours[self.bond]
         self.share_i, self.share_j = body.share[self.i], body.share[self.j]
-        self.stiffness = body.normal * body.weight[self.bond] * body.bonds.length[self.bond]
+        self.stiffness = body.normal * body.bonds.weight[self.bond] * body.bonds.length[self.bond]
         self.start = body.bond_parts(u0, self.bond, self.i)
         self.change = body.bond_parts(u1, self.bond, self.i) - self.start if moving else None
 

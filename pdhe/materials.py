@@ -64,25 +64,27 @@ class Body:
         The families. Bonds that a pre-crack cuts are broken from the start.
     model
         One of :data:`MODELS`.
-    volume
-        Node volumes, m^3 (n,).
+    coordinates, volume
+        Node positions, m (n, 2), and volumes, m^3 (n,).
     """
 
-    def __init__(self, bonds: Bonds, model: CondensedRotation, volume: np.ndarray) -> None:
+    def __init__(self, bonds: Bonds, model: CondensedRotation, coordinates: np.ndarray, volume: np.ndarray) -> None:
         self.bonds, self.model, self.volume = bonds, model, volume
+        self.coordinates = as_float(coordinates, (bonds.node_count, 2))
         self.intact = ~bonds.cut
-        self.weight = np.where(self.intact, bonds.weight, 0.0)
+        self.cubed = np.where(self.intact, bonds.weight / bonds.length**3, 0.0)
         n = bonds.node_count
         self.normal = model.normal
         self.tangential = model.normal * model.tangential_ratio
         self.share = np.ones(n)
         self.inverse = np.zeros(n)
-        self._theta = np.zeros(n)
+        self._spin = np.zeros((n, 2))
         self._refresh_nodes()
 
     def _refresh_nodes(self) -> None:
+        b = self.bonds
         if self.model.condenses_rotation:
-            mechanics.rotation_weight(self.bonds.offsets, self.bonds.length, self.weight, self.inverse)
+            mechanics.rotation_weight(b.offsets, b.neighbours, self.coordinates, self.cubed, self.inverse)
         if self.tangential < 0.0:
             self.share[:] = np.maximum(0.0, 1.0 - self.damage() / TANGENTIAL_FADE)
 
@@ -96,7 +98,7 @@ class Body:
         """
         both = np.concatenate([directed, self.bonds.reverse[directed]])
         self.intact[both] = False
-        self.weight[both] = 0.0
+        self.cubed[both] = 0.0
         self._refresh_nodes()
 
     def damage(self) -> np.ndarray:
@@ -107,37 +109,35 @@ class Body:
         return phi
 
     def _rotate(self, u: np.ndarray) -> np.ndarray:
-        b = self.bonds
-        mechanics.node_rotation(b.offsets, b.neighbours, b.nx, b.ny, self.weight, self.inverse, u, self._theta)
-        return self._theta
+        b, x = self.bonds, self.coordinates
+        mechanics.node_rotation(b.offsets, b.neighbours, x, self.cubed, self.inverse, self.share, u, self._spin)
+        return self._spin
 
     def rotation(self, u: np.ndarray) -> np.ndarray:
         """Condensed rotation of each node, rad (n,)."""
-        return self._rotate(as_float(u, (self.bonds.node_count, 2))).copy()
+        return self._rotate(as_float(u, (self.bonds.node_count, 2)))[:, 0].copy()
 
     def force(self, u: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Internal force on each node, N (n, 2): minus the derivative of the energy."""
-        b, out = self.bonds, np.empty_like(u) if out is None else out
-        theta = self._rotate(u)
+        b, x, out = self.bonds, self.coordinates, np.empty_like(u) if out is None else out
+        spin = self._rotate(u)
         mechanics.internal_force(
-            b.offsets, b.neighbours, b.nx, b.ny, b.length, self.weight, self.share, self.normal, self.tangential,
-            u, theta, out,
-        )  # fmt: skip
+            b.offsets, b.neighbours, x, self.cubed, self.share, self.normal, self.tangential, u, spin, out
+        )
         return out
 
     def energy(self, u: np.ndarray) -> np.ndarray:
         """Elastic energy of each node, J (n,)."""
-        b, out = self.bonds, np.empty(self.bonds.node_count)
-        theta = self._rotate(u)
+        b, x, out = self.bonds, self.coordinates, np.empty(self.bonds.node_count)
+        spin = self._rotate(u)
         mechanics.elastic_energy(
-            b.offsets, b.neighbours, b.nx, b.ny, b.length, self.weight, self.share, self.normal, self.tangential,
-            u, theta, out,
-        )  # fmt: skip
+            b.offsets, b.neighbours, x, self.cubed, self.share, self.normal, self.tangential, u, spin, out
+        )
         return out
 
     def diagonal(self) -> np.ndarray:
         """Diagonal of the stiffness with the rotations held, N/m (n, 2): an upper bound of the true diagonal."""
-        b, scale = self.bonds, self.weight / self.bonds.length
+        b, scale = self.bonds, self.cubed * self.bonds.length**2
         tangential = max(self.tangential, 0.0)
         parts = np.column_stack(
             [
@@ -149,17 +149,16 @@ class Body:
 
     def bond_loads(self, u: np.ndarray, by_energy: bool) -> np.ndarray:
         """Load of every directed bond, broken ones included, (b,): see :func:`pdhe.kernels.mechanics.bond_load`."""
-        b, out = self.bonds, np.empty(self.bonds.length.size)
-        theta = self._rotate(u)
+        b, x, out = self.bonds, self.coordinates, np.empty(self.bonds.length.size)
+        spin = self._rotate(u)
         mechanics.bond_load(
-            b.offsets, b.neighbours, b.nx, b.ny, b.length, self.share, self.normal, self.tangential, by_energy,
-            u, theta, out,
-        )  # fmt: skip
+            b.offsets, b.neighbours, x, self.share, self.normal, self.tangential, by_energy, u, spin, out
+        )
         return out
 
     def bond_parts(self, u: np.ndarray, bond: np.ndarray, owner: np.ndarray) -> np.ndarray:
         """Stretch and both tangential strains of some directed bonds, (3, k): linear in the displacements."""
-        b, theta = self.bonds, self._rotate(u)
+        b, theta = self.bonds, self._rotate(u)[:, 0]
         other = b.neighbours[bond]
         relative = u[other] - u[owner]
         stretch = (b.nx[bond] * relative[:, 0] + b.ny[bond] * relative[:, 1]) / b.length[bond]

@@ -33,7 +33,7 @@ def make_plan(case: Case) -> str:
 def _bond_bytes(case: Case) -> int:
     arrays = [getattr(case.bonds, name) for name in ("neighbours", "reverse", "length", "nx", "ny", "weight", "cut")]
     if case.body is not None:
-        arrays += [case.body.weight, case.body.intact]
+        arrays += [case.body.cubed, case.body.intact]
     if case.diffusion is not None:
         arrays.append(case.diffusion.rate)
     if case.rule is not None:

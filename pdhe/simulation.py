@@ -11,7 +11,7 @@ import xarray as xr
 
 from pdhe import advance as moves
 from pdhe.case import Case, build_case
-from pdhe.damage import Candidates, crossing_sum
+from pdhe.damage import Candidates
 from pdhe.discretization import Discretization
 from pdhe.errors import SimulationError
 from pdhe.plan import make_plan
@@ -216,4 +216,4 @@ def equivalent_crack_length(case: Case) -> float:
     """Length of a straight crack that would cut as much bond weight as is broken, m (theory, eq. 5.9)."""
     bonds = case.bonds
     broken = float(np.sum((bonds.weight * bonds.length)[~case.body.intact])) / 2.0
-    return broken / (crossing_sum(bonds, case.discretization.volume) * case.discretization.thickness)
+    return broken / (case.rule.crossing * case.discretization.thickness)

@@ -76,7 +76,7 @@ def short_bond_matrix(body: Body, free: np.ndarray, spacing: np.ndarray) -> sp.b
     scale = body.normal * stiffness.sum() / max(stiffness[short].sum(), np.finfo(float).tiny)
     rows = np.flatnonzero(short & body.intact)
     i, j = owner[rows], b.neighbours[rows]
-    c = scale * body.weight[rows] / b.length[rows]
+    c = scale * b.weight[rows] / b.length[rows]
     nx, ny = b.nx[rows], b.ny[rows]
     block = np.empty((rows.size, 2, 2))
     block[:, 0, 0], block[:, 1, 1] = c * nx * nx, c * ny * ny

@@ -41,7 +41,7 @@ def make_body(
         coordinates, volume, np.full(len(coordinates), spacing), THICKNESS, horizon,
         tangential_ratio=law.tangential_ratio, cracks=cracks, **options,
     )  # fmt: skip
-    body = Body(bonds, law, volume)
+    body = Body(bonds, law, coordinates, volume)
     if break_share:
         once = np.flatnonzero(bonds.owners() < bonds.neighbours)
         body.break_bonds(rng.choice(once, int(break_share * once.size), replace=False))
