@@ -1,4 +1,4 @@
-"""Nonlocal diffusion of hydrogen: bond rates with the right constant, mirror images at plane edges (theory, section 4)."""
+"""Nonlocal diffusion of hydrogen: rates of the right constant, mirror images at plane edges (theory, section 4)."""
 
 from __future__ import annotations
 
@@ -71,10 +71,11 @@ def build_diffusion(
 ) -> Diffusion:
     """Build the rates for a diffusivity in m^2/s.
 
-    Each plane edge acts as a mirror: nodes beyond it carry the same coverage (insulated) or the odd continuation about the
-    prescribed value. Both are folded into the bonds of the real nodes: an image of j seen from i is never nearer than j
-    itself, so the coefficients stay positive and the maximum principle holds. The rates are scaled, node by node and then
-    averaged over the two ends, so that the second moment of each family, images included, is that of the diffusivity.
+    Each plane edge acts as a mirror: nodes beyond it carry the same coverage (insulated) or the odd continuation about
+    the prescribed value. Both are folded into the bonds of the real nodes: an image of j seen from i is never nearer
+    than j itself, so no coefficient is negative and the maximum principle holds. The rates are scaled, node by node and
+    then averaged over the two ends, so that the second moment of each family, images included, is that of the
+    diffusivity.
     """
     owner, other = bonds.owners(), bonds.neighbours
     power = KERNELS[kernel]
@@ -84,10 +85,17 @@ def build_diffusion(
     even = np.zeros_like(base)
     exchange = {name: np.zeros(volume.size) for name in prescribed}
     everyone = np.arange(volume.size, dtype=np.int32)
-    for names in _reflections(edges):
-        image = coordinates.copy()
+
+    def seen(i: np.ndarray, j: np.ndarray, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+        """Coefficient and distance of the images of nodes j in some edges as seen from nodes i."""
+        image = coordinates[j].copy()
         for name in names:
             image[:, edges[name].axis] = 2.0 * edges[name].position - image[:, edges[name].axis]
+        distance = np.hypot(*(image - coordinates[i]).T)
+        width = 0.5 * (spacing[i] + spacing[j])
+        return partial_volume(distance, bonds.horizon, width, partial) * volume[j] / distance**power, distance
+
+    for names in _reflections(edges):
         odd = sum(name in prescribed for name in names) % 2 == 1
         via = next((name for name in names if name in prescribed), None)
         near = np.ones(volume.size, bool)
@@ -95,14 +103,22 @@ def build_diffusion(
             near &= np.abs(coordinates[:, edges[name].axis] - edges[name].position) <= bonds.horizon + spacing
         rows = np.flatnonzero(near[owner] & near[other])
         for i, j, bond in ((owner[rows], other[rows], rows), (everyone[near], everyone[near], None)):
-            distance = np.hypot(*(image[j] - coordinates[i]).T)
-            width = 0.5 * (spacing[i] + spacing[j])
-            value = partial_volume(distance, bonds.horizon, width, partial) * volume[j] / distance**power
+            value, distance = seen(i, j, names)
             moment += np.bincount(i, value * distance**2, volume.size)
             if bond is not None:
                 even[bond] += -value if odd else value
             if odd:
                 exchange[via] += np.bincount(i, 2.0 * value, volume.size)
+    # Next to one prescribed edge base + even is never negative. In the corner of two it may be, for a few bonds; the
+    # part of their images that is too much then carries the edge's coverage itself, not the odd continuation about it.
+    excess = np.flatnonzero(base + even < 0.0)
+    if excess.size:
+        i, j, deficit = owner[excess], other[excess], -(base + even)[excess]
+        even[excess] = -base[excess]
+        parts = {name: seen(i, j, (name,))[0] for name in prescribed}
+        share = deficit / np.maximum(sum(parts.values()), np.finfo(float).tiny)
+        for name, part in parts.items():
+            exchange[name] -= np.bincount(i, share * part, volume.size)
     # A family's second moment is that of the diffusivity when sum base r^2 = 4 D (two axes, a factor of one half).
     scale = 4.0 * diffusivity / np.where(moment > 0.0, moment, np.inf)
     typical = np.median(scale[scale > 0.0]) if (scale > 0.0).any() else 1.0
