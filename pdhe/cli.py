@@ -10,6 +10,7 @@ import tempfile
 from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 from pdhe.errors import PdheError
 
@@ -44,7 +45,8 @@ def mesh(arguments: argparse.Namespace) -> None:
     from pdhe.mesh import make_mesh
 
     spec = _json(arguments.spec, "--spec")
-    make_mesh(*_mesh_blocks(spec), _ready(arguments.out))
+    geometry, mesh_block = _mesh_blocks(spec)
+    make_mesh(geometry, mesh_block, _ready(arguments.out))
 
 
 def nodes(arguments: argparse.Namespace) -> None:
@@ -124,10 +126,19 @@ def schema(arguments: argparse.Namespace) -> None:
 
 
 def index(arguments: argparse.Namespace) -> None:
-    """Write the table of the cases of a study."""
+    """Write the table of the cases of a study, with how each ended where the solutions are given."""
     from pdhe.study import load_study
 
-    _write(arguments.out, load_study(arguments.study).table())
+    study = load_study(arguments.study)
+    outcomes = {}
+    if arguments.solutions:
+        from pdhe.post import summary
+        from pdhe.results import open_result
+
+        for solve_id in {case.solve_id for case in study.cases}:
+            with open_result(arguments.solutions / f"{solve_id}.nc") as result:
+                outcomes[solve_id] = {key: value for key, value in summary(result).items() if key != "title"}
+    _write(arguments.out, study.table(outcomes))
 
 
 def figures(arguments: argparse.Namespace) -> None:
@@ -198,7 +209,12 @@ def _parser() -> argparse.ArgumentParser:
         file("--out-csv", help="table to write", required=False),
         file("--out-png", help="picture to write", required=False),
     )
-    add(index, option("study", type=Path, metavar="STUDY", help="study file"), anywhere)
+    add(
+        index,
+        option("study", type=Path, metavar="STUDY", help="study file"),
+        option("--solutions", type=Path, metavar="FOLDER", help="folder of the solutions, results/store/solve"),
+        anywhere,
+    )
     return parser
 
 
@@ -220,18 +236,18 @@ def _json(text: str, name: str) -> dict:
     return value
 
 
-def _mesh_blocks(spec: dict) -> tuple:
+def _mesh_blocks(spec: dict) -> tuple[Any, Any]:
     """Return the geometry and mesh blocks of a stage description as the objects the scene has."""
     from pdhe.scene import Geometry, Mesh
     from pdhe.scene_reading import reporting
 
-    blocks = []
+    blocks: list[Any] = []
     for name, block in (("geometry", Geometry), ("mesh", Mesh)):
         if name not in spec:
             raise PdheError(f"--spec has no block '{name}'")
         with reporting("--spec", spec[name]):
             blocks.append(block.model_validate(spec[name], context={"si": True}))
-    return tuple(blocks)
+    return blocks[0], blocks[1]
 
 
 def _ready(path: Path) -> Path:

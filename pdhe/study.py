@@ -100,16 +100,25 @@ class Study:
     animations: bool = True
     style: dict[str, Any] = field(default_factory=dict)
 
-    def table(self) -> str:
-        """Return the index of the study as CSV: names and identities, and every value that differs between cases."""
+    def table(self, outcomes: Mapping[str, Mapping[str, object]] | None = None) -> str:
+        """Return the cases as CSV: names and identities, every value that differs between them, and how each ended.
+
+        Parameters
+        ----------
+        outcomes
+            Numbers that sum up a solution, by its identity; they become the last columns.
+        """
         flat = [dict(_flatten(case.resolved)) for case in self.cases]
         keys = dict.fromkeys(key for row in flat for key in row)
         varying = [key for key in keys if len({canonical(row.get(key)) for row in flat}) > 1]
+        ends = [(outcomes or {}).get(case.solve_id, {}) for case in self.cases]
+        ended = list(dict.fromkeys(key for end in ends for key in end))
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(["case", "scene", "mesh", "solve", *varying])
-        for case, row in zip(self.cases, flat, strict=True):
-            writer.writerow([case.name, case.scene, case.mesh_id, case.solve_id, *(row.get(key) for key in varying)])
+        writer.writerow(["case", "scene", "mesh", "solve", *varying, *ended])
+        for case, row, end in zip(self.cases, flat, ends, strict=True):
+            names = [case.name, case.scene, case.mesh_id, case.solve_id]
+            writer.writerow(names + [_cell(row.get(key)) for key in varying] + [_cell(end.get(key)) for key in ended])
         return text.getvalue()
 
 
@@ -138,7 +147,7 @@ def load_studies(config: Mapping[str, Any], configfiles: Iterable[str | Path] = 
         if not files:
             raise SceneError(source, "study", None, "a study has to come from a file", "list the file under 'studies'")
     else:
-        files = config.get("studies")
+        files = config.get("studies") or []
         if not isinstance(files, list) or not files:
             raise SceneError(source, "studies", files, "needs a list of study files", f"known keys: {', '.join(known)}")
     studies = tuple(load_study(file, config.get("figures")) for file in dict.fromkeys(map(str, files)))
@@ -297,6 +306,11 @@ def _text(value: object) -> str:
     if isinstance(value, dict | list):
         return digest(value, 6)
     return re.sub(r"[^A-Za-z0-9.+-]+", "-", str(value).replace(" ", "")).rstrip("-")
+
+
+def _cell(value: object) -> object:
+    """Write a number of a table with the digits a reader may want."""
+    return f"{value:.8g}" if isinstance(value, float) else value
 
 
 def _short(name: str) -> str:

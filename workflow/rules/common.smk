@@ -70,6 +70,11 @@ def result_of(wildcards):
     return f"results/store/solve/{CASES[wildcards.study, wildcards.case].solve_id}.nc"
 
 
+def solutions_of(wildcards):
+    solve_ids = dict.fromkeys(case.solve_id for case in STUDIES[wildcards.study].cases)
+    return [f"results/store/solve/{solve_id}.nc" for solve_id in solve_ids]
+
+
 def style_of(wildcards):
     return canonical(STUDIES[wildcards.study].style)
 

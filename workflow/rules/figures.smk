@@ -84,6 +84,8 @@ rule history:
 
 
 rule index:
+    input:
+        solutions_of,
     output:
         report(
             "results/{study}/cases.csv",
@@ -101,5 +103,6 @@ rule index:
     params:
         file=lambda wildcards: STUDIES[wildcards.study].file,
         table=lambda wildcards: digest(STUDIES[wildcards.study].table()),
+        code=fingerprint("pdhe.post"),
     shell:
-        "python -m pdhe index {params.file:q} --out {output:q} > {log:q} 2>&1"
+        "python -m pdhe index {params.file:q} --solutions results/store/solve --out {output:q} > {log:q} 2>&1"
