@@ -8,7 +8,6 @@ import numpy as np
 
 from pdhe.case import EDGES, Case
 from pdhe.damage import Candidates
-from pdhe.kernels.diffusion import diffuse
 from pdhe.results import Recorder
 from pdhe.state import State
 from pdhe.transport import STEP_SAFETY
@@ -127,11 +126,10 @@ def advance(case: Case, state: State, until: float, motion: Motion | None, candi
 
 def _diffuse_until(case, state, until, motion, candidates) -> bool:
     diffusion, hydrogen = case.diffusion, case.scene.hydrogen
-    bonds, volume = diffusion.bonds, diffusion.volume
     edges = [c for c in hydrogen.boundary if c.on in EDGES]
     span = until - state.time
     steps = max(1, int(np.ceil(span / (STEP_SAFETY * diffusion.stable_step(state.held)))))
-    dt, begin, sink = span / steps, state.time, diffusion.sink()
+    dt, begin = span / steps, state.time
     steady = not any(len(set(c.coverage.values)) > 1 for c in hydrogen.boundary)
     new = np.empty_like(state.coverage)
     for step in range(1, steps + 1):
@@ -141,10 +139,7 @@ def _diffuse_until(case, state, until, motion, candidates) -> bool:
 
         def sweep(length: float, source=source) -> None:
             state.diffusion_sweeps += 1
-            diffuse(
-                bonds.offsets, bonds.neighbours, diffusion.rate, sink, source, state.held, volume, length,
-                state.coverage, new, state.supply,
-            )  # fmt: skip
+            diffusion.step(state.coverage, length, state.held, source, new, state.supply)
 
         sweep(later - now)
         if candidates is not None:

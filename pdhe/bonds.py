@@ -15,6 +15,44 @@ WEIGHT_LIMITS = (0.2, 5.0)
 
 
 @dataclass(frozen=True)
+class Lattice:
+    """Bonds of a regular grid by offset: the neighbour of node i at offset o is node ``i + step[o]``.
+
+    Attributes
+    ----------
+    step
+        Nodes to the neighbour, int64 (o,).
+    dx, dy
+        Bond vector of each offset, m (o,).
+    slot
+        Place of each directed bond in an array of shape (o, n), flattened, int64 (b,).
+    """
+
+    step: np.ndarray
+    dx: np.ndarray
+    dy: np.ndarray
+    slot: np.ndarray
+    node_count: int
+
+    def arrange(self, values: np.ndarray) -> np.ndarray:
+        """Arrange a bond quantity by offset, (b,) to (o, n); zero where there is no bond."""
+        result = np.zeros((self.step.size, self.node_count))
+        result.reshape(-1)[self.slot] = values
+        return result
+
+
+def find_lattice(owner: np.ndarray, neighbours: np.ndarray, vector: np.ndarray, count: int) -> Lattice | None:
+    """Recognise a regular grid: every step in the node numbering belongs to one bond vector. None if it is not one."""
+    steps, offset = np.unique(neighbours.astype(np.int64) - owner, return_inverse=True)
+    if steps.size == 0 or steps.size > 4.0 * owner.size / max(count, 1) + 64:
+        return None
+    mean = np.stack([np.bincount(offset, vector[:, a]) / np.bincount(offset) for a in (0, 1)], axis=1)
+    if np.abs(vector - mean[offset]).max() > 1e-9 * np.abs(vector).max():
+        return None
+    return Lattice(steps, mean[:, 0].copy(), mean[:, 1].copy(), offset.astype(np.int64) * count + owner, count)
+
+
+@dataclass(frozen=True)
 class Bonds:
     """The families of a discretization as directed bonds; each bond stands in the list once from either end.
 
@@ -36,6 +74,8 @@ class Bonds:
         True where a pre-crack separates the two ends (b,).
     horizon
         m.
+    lattice
+        The same bonds by offset if the nodes form a regular grid, else None.
     """
 
     offsets: np.ndarray
@@ -47,6 +87,7 @@ class Bonds:
     weight: np.ndarray
     cut: np.ndarray
     horizon: float
+    lattice: Lattice | None = None
 
     @property
     def node_count(self) -> int:
@@ -148,7 +189,8 @@ def build_bonds(
     correction = np.clip(0.5 * (correction + correction[reverse]), *WEIGHT_LIMITS)
     weight = share * correction * volume[owner] * volume[neighbours]
     cut = crossed_by(coordinates[owner], coordinates[neighbours], cracks)
-    return Bonds(offsets, neighbours, reverse, length, nx, ny, weight, cut, horizon)
+    lattice = find_lattice(owner, neighbours, vector, offsets.size - 1)
+    return Bonds(offsets, neighbours, reverse, length, nx, ny, weight, cut, horizon, lattice)
 
 
 def moment_correction(offsets, length, nx, ny, volumes, horizon, thickness, order: int = 4) -> np.ndarray:

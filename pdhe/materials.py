@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pdhe.bonds import Bonds
-from pdhe.kernels import mechanics
+from pdhe.kernels import lattice, mechanics
 from pdhe.kernels.jit import as_float
 
 #: Damage at which the tangential stiffness of a node has faded out where that stiffness is negative (theory, 2.5).
@@ -73,6 +73,7 @@ class Body:
         self.coordinates = as_float(coordinates, (bonds.node_count, 2))
         self.intact = ~bonds.cut
         self.cubed = np.where(self.intact, bonds.weight / bonds.length**3, 0.0)
+        self._by_offset = None if bonds.lattice is None else bonds.lattice.arrange(self.cubed)
         n = bonds.node_count
         self.normal = model.normal
         self.tangential = model.normal * model.tangential_ratio
@@ -99,6 +100,8 @@ class Body:
         both = np.concatenate([directed, self.bonds.reverse[directed]])
         self.intact[both] = False
         self.cubed[both] = 0.0
+        if self._by_offset is not None:
+            self._by_offset.reshape(-1)[self.bonds.lattice.slot[both]] = 0.0
         self._refresh_nodes()
 
     def damage(self) -> np.ndarray:
@@ -120,10 +123,22 @@ class Body:
     def force(self, u: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Internal force on each node, N (n, 2): minus the derivative of the energy."""
         b, x, out = self.bonds, self.coordinates, np.empty_like(u) if out is None else out
+        if b.lattice is not None:
+            return self._lattice_force(u, out)
         spin = self._rotate(u)
         mechanics.internal_force(
             b.offsets, b.neighbours, x, self.cubed, self.share, self.normal, self.tangential, u, spin, out
         )
+        return out
+
+    def _lattice_force(self, u: np.ndarray, out: np.ndarray) -> np.ndarray:
+        grid, weight = self.bonds.lattice, self._by_offset
+        ux, uy = np.ascontiguousarray(u[:, 0]), np.ascontiguousarray(u[:, 1])
+        theta, turning, fx, fy = np.empty((4, ux.size))
+        vectors = grid.step, grid.dx, grid.dy, weight
+        lattice.node_rotation(*vectors, self.inverse, self.share, ux, uy, theta, turning)
+        lattice.internal_force(*vectors, self.share, self.normal, self.tangential, ux, uy, turning, fx, fy)
+        out[:, 0], out[:, 1] = fx, fy
         return out
 
     def energy(self, u: np.ndarray) -> np.ndarray:

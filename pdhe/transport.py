@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from pdhe.bonds import WEIGHT_LIMITS, Bonds, partial_volume
 from pdhe.kernels import diffusion as kernels
+from pdhe.kernels import lattice
 
 #: Exponent of the bond length in the kernel ``1 / r^p`` by the name that scenes use.
 KERNELS = {"constant": 0, "inverse": 1, "inverse square": 2}
@@ -47,6 +49,35 @@ class Diffusion:
         kernels.outflow_rate(self.bonds.offsets, self.rate, self.sink(), held, total)
         fastest = float(total.max(initial=0.0))
         return np.inf if fastest == 0.0 else 1.0 / fastest
+
+    def step(
+        self,
+        psi: np.ndarray,
+        dt: float,
+        held: np.ndarray,
+        source: np.ndarray,
+        new: np.ndarray,
+        supply: np.ndarray,
+    ) -> None:
+        """Take one forward Euler step of dt seconds, ``psi`` to ``new`` (theory, eq. 4.5).
+
+        ``held`` nodes keep their value; ``source`` from :meth:`source`; ``supply`` (n,) gathers what entered, m^3.
+        """
+        b = self.bonds
+        if b.lattice is not None:
+            lattice.diffuse(b.lattice.step, self._by_offset, self._sink, source, held, self.volume, dt, psi, new, supply)
+        else:
+            kernels.diffuse(
+                b.offsets, b.neighbours, self.rate, self._sink, source, held, self.volume, dt, psi, new, supply
+            )
+
+    @cached_property
+    def _by_offset(self) -> np.ndarray:
+        return self.bonds.lattice.arrange(self.rate)
+
+    @cached_property
+    def _sink(self) -> np.ndarray:
+        return self.sink()
 
     def sink(self) -> np.ndarray:
         """Sum of the edge exchange rates, 1/s (n,)."""
