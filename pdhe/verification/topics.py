@@ -8,7 +8,9 @@ from typing import Any
 from pdhe.verification.report import Report
 
 #: Topic -> module that holds ``run(settings) -> Report``. A new topic is one line here.
-TOPICS: dict[str, str] = {}
+TOPICS: dict[str, str] = {
+    "moduli": "pdhe.verification.moduli",
+}
 
 
 def run_topic(topic: str, settings: dict[str, Any] | None = None) -> Report:
