@@ -77,17 +77,24 @@ class Candidates:
     """The bonds that could break while the displacements go linearly from ``u0`` to ``u1``.
 
     A bond is in the list if its load at either end reaches the least resistance that saturation could leave it. Loads are
-    convex in time between the two ends, so no other bond can fail in between.
+    convex in time between the two ends, so no other bond can fail in between. With ``watch`` the list is lengthened, if need
+    be, until it surely holds the bond that is nearest to failure.
     """
 
-    def __init__(self, body: Body, rule: FailureRule, u0: np.ndarray, u1: np.ndarray) -> None:
+    def __init__(
+        self, body: Body, rule: FailureRule, u0: np.ndarray, u1: np.ndarray, *, watch: bool = False
+    ) -> None:
         self.rule = rule
         self.ratio_of_moduli = body.tangential / body.normal
         moving = u1 is not u0
-        near = body.bond_loads(u0, rule.by_energy) >= rule.weakest
+        breakable = rule.may_fail & body.intact
+        load = body.bond_loads(u0, rule.by_energy)
         if moving:
-            near |= body.bond_loads(u1, rule.by_energy) >= rule.weakest
-        self.bond = np.flatnonzero(near & rule.may_fail & body.intact)
+            load = np.maximum(load, body.bond_loads(u1, rule.by_energy))
+        least = rule.weakest
+        if watch:
+            least = min(least, float(load.max(where=breakable, initial=0.0)) * rule.weakest / rule.critical)
+        self.bond = np.flatnonzero(breakable & (load >= least))
         self.i, self.j = _owners(body.bonds, self.bond), body.bonds.neighbours[self.bond]
         self.share_i, self.share_j = body.share[self.i], body.share[self.j]
         self.stiffness = body.normal * body.bonds.weight[self.bond] * body.bonds.length[self.bond]

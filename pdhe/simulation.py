@@ -50,7 +50,10 @@ def solve_case(scene: Scene, discretization: Discretization, path: str | Path, p
 
 
 def simulate(case: Case, progress: Progress | None = None) -> xr.Dataset:
-    """Run a case from time zero to its end and return everything that it recorded."""
+    """Run a case from time zero to its end and return everything that it recorded.
+
+    Bonds break in the case itself: build a new one for another run.
+    """
     state, recorder, log = start(case), Recorder(), progress or (lambda text: None)
     record(case, state, recorder, snapshot=True)
     step = _step_events if case.scene.stepping.mode == "events" else _step_fixed
@@ -185,8 +188,7 @@ def record(case: Case, state: State, recorder: Recorder, snapshot: bool) -> None
     if case.rule is not None:
         phi = case.body.damage()
         fields["damage"] = phi
-        candidates = Candidates(case.body, case.rule, state.displacement, state.displacement)
-        ratio = candidates.ratio(0.0, state.coverage)
+        nearest = Candidates(case.body, case.rule, state.displacement, state.displacement, watch=True)
         row |= {
             "fracture_energy": state.fracture_energy,
             "crack_length": equivalent_crack_length(case),
@@ -196,7 +198,7 @@ def record(case: Case, state: State, recorder: Recorder, snapshot: bool) -> None
             "mean_damage": float(np.average(phi, weights=volume)),
             "broken_bonds": state.broken_bonds,
             "failure_rounds": state.failure_rounds,
-            "largest_load": float(ratio.max(initial=0.0)),
+            "largest_load": float(nearest.ratio(0.0, state.coverage).max(initial=0.0)),
         }
     if case.diffusion is not None:
         content = float(np.sum(state.coverage * volume))

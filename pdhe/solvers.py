@@ -46,7 +46,9 @@ class Preconditioner:
         modes = (modes * self.free[:, :, None]).reshape(2 * n, 3)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            hierarchy = pyamg.smoothed_aggregation_solver(matrix, B=modes, max_levels=2, max_coarse=50)
+            hierarchy = pyamg.smoothed_aggregation_solver(
+                matrix, B=modes, smooth=("jacobi", {"weighting": "local"}), max_levels=2, max_coarse=50
+            )
         if len(hierarchy.levels) == 1:
             self.prolongate, coarse = sp.identity(2 * n, format="csr"), matrix.tocsc()
         else:
