@@ -56,10 +56,10 @@ class Row:
         if not math.isfinite(self.measured):
             return False
         if self.kind == "at most":
-            return self.measured <= self.expected
+            return bool(self.measured <= self.expected)
         if self.kind == "at least":
-            return self.measured >= self.expected
-        return self.kind == "shown" or self.error <= self.tolerance
+            return bool(self.measured >= self.expected)
+        return self.kind == "shown" or bool(self.error <= self.tolerance)
 
 
 @dataclass

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.integrate import quad
+from scipy.special import j0
 
 from pdhe import advance as moves
 from pdhe.case import Case, build_case
@@ -17,6 +19,7 @@ from pdhe.mesh import make_mesh
 from pdhe.scene import Scene
 from pdhe.simulation import start
 from pdhe.state import State
+from pdhe.transport import Diffusion
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -125,6 +128,19 @@ def half_space(place: np.ndarray, tau: float) -> np.ndarray:
 def rms(values: np.ndarray, volume: np.ndarray) -> float:
     """Root of the volume mean of the squares; of a coverage, so in shares of saturation."""
     return math.sqrt(float(np.average(values**2, weights=volume)))
+
+
+def symbol(power: int, wave: float) -> float:
+    """Decay rate over D k^2 of a mode with ``wave = k delta`` in the nonlocal continuum (theory, eq. 4.8)."""
+    factor = 4.0 * (4 - power)
+    integral, _ = quad(lambda s: (1.0 - j0(wave * s)) * s ** (1 - power), 0.0, 1.0, limit=200)
+    return factor * integral / wave**2
+
+
+def rate_of_change(diffusion: Diffusion, psi: np.ndarray) -> np.ndarray:
+    """Rate of coverage that the bonds alone give, 1/s (n,): the operator of a plate with sealed edges."""
+    bonds = diffusion.bonds
+    return bonds.sum_by_node(diffusion.rate * (psi[bonds.neighbours] - psi[bonds.owners()]))
 
 
 def plain_ticks(ax: Axes, places: list[float]) -> None:

@@ -12,6 +12,7 @@ TOPICS: dict[str, str] = {
     "moduli": "pdhe.verification.moduli",
     "compliance": "pdhe.verification.compliance",
     "diffusion_slab": "pdhe.verification.diffusion_slab",
+    "diffusion_operator": "pdhe.verification.diffusion_operator",
 }
 
 
