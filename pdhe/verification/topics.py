@@ -9,6 +9,7 @@ from pdhe.verification.report import Report
 
 #: Topic -> module that holds ``run(settings) -> Report``. A new topic is one line here.
 TOPICS: dict[str, str] = {
+    "operators": "pdhe.verification.operators",
     "moduli": "pdhe.verification.moduli",
     "compliance": "pdhe.verification.compliance",
     "diffusion_slab": "pdhe.verification.diffusion_slab",
