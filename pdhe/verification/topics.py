@@ -14,6 +14,7 @@ TOPICS: dict[str, str] = {
     "compliance": "pdhe.verification.compliance",
     "diffusion_slab": "pdhe.verification.diffusion_slab",
     "diffusion_operator": "pdhe.verification.diffusion_operator",
+    "time_step": "pdhe.verification.time_step",
 }
 
 

@@ -7,7 +7,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pdhe.bonds import build_bonds
-from pdhe.kernels.diffusion import diffuse
 from pdhe.transport import KERNELS, Diffusion, Edge, build_diffusion
 from tests.lattices import lattice
 
@@ -43,12 +42,9 @@ def make_diffusion(kernel: str, nodes: str = "regular", prescribed: str = "corne
 def march(diffusion: Diffusion, psi, edge_values: dict[str, float], held, dt: float, steps: int):
     """Explicit steps: the coverage at the end, and what entered through each node, m^3."""
     psi, new, supply = psi.copy(), np.empty_like(psi), np.zeros_like(psi)
-    sink, source = diffusion.sink(), diffusion.source(edge_values)
+    source = diffusion.source(edge_values)
     for _ in range(steps):
-        diffuse(
-            diffusion.bonds.offsets, diffusion.bonds.neighbours, diffusion.rate, sink, source, held, diffusion.volume,
-            dt, psi, new, supply,
-        )  # fmt: skip
+        diffusion.step(psi, dt, held, source, new, supply)
         psi, new = new, psi
     return psi, supply
 
