@@ -36,6 +36,25 @@ STUDY_KEYS = ("name", "scene", "set", "sweep", "cases", "figures")
 PICTURES = {"damage": "damage", "displacement": "loads", "coverage": "hydrogen"}
 """Pictures of a case, each with the block of the scene that has to be there for it."""
 
+STYLE_KEYS = (
+    "times",
+    "panels",
+    "dpi",
+    "width",
+    "font_size",
+    "damage_map",
+    "coverage_map",
+    "displacement_map",
+    "damage_limit",
+    "component",
+    "magnification",
+    "frames",
+    "frame_width",
+    "duration",
+    "hold",
+)
+"""Keys that :mod:`pdhe.plotting` knows; written out because reading a study must not load matplotlib."""
+
 SPEC_LIMIT = 100_000
 """Longest description of a stage in bytes; it travels on a command line, where one argument may hold 128 kB."""
 
@@ -189,6 +208,8 @@ def load_study(path: str | Path, figures: Mapping[str, Any] | None = None) -> St
     style = dict(figures or {})
     for block in (content.get("figures"), study.get("figures")):
         style.update(_mapping(file, "study.figures", block or {}))
+    for key in style:
+        _known(file, f"study.figures.{key}", ("pictures", "animations", *STYLE_KEYS))
     animations = style.pop("animations", True)
     if not isinstance(animations, bool):
         raise SceneError(file, "study.figures.animations", animations, "needs true or false")

@@ -1,5 +1,6 @@
 """Cases, names and identities of studies."""
 
+import dataclasses
 import json
 import re
 import subprocess
@@ -11,7 +12,7 @@ import pytest
 
 from pdhe.errors import SceneError
 from pdhe.scene import Scene, load_scene
-from pdhe.study import load_studies, load_study, slug
+from pdhe.study import STYLE_KEYS, load_studies, load_study, slug
 
 ROOT = Path(__file__).parents[2]
 SCENE = ROOT / "config/scenes/smoke.yaml"
@@ -131,8 +132,14 @@ def test_table_shows_what_differs(write):
 
 
 def test_styles_are_merged_key_by_key(write):
-    path = write(top={"figures": {"dpi": 3, "b": 3}}, figures={"dpi": 2})
-    assert load_study(path, {"dpi": 1, "a": 1}).style == {"dpi": 2, "a": 1, "b": 3}
+    path = write(top={"figures": {"dpi": 3, "hold": 3}}, figures={"dpi": 2})
+    assert load_study(path, {"dpi": 1, "panels": 1}).style == {"dpi": 2, "panels": 1, "hold": 3}
+
+
+def test_style_keys_are_those_of_the_figures():
+    from pdhe.plotting.style import Style
+
+    assert [field.name for field in dataclasses.fields(Style)] == list(STYLE_KEYS)
 
 
 def test_pictures_and_animations_can_be_chosen(write):
@@ -169,6 +176,7 @@ def test_pictures_and_animations_can_be_chosen(write):
         ({"name": "store"}, "study.name", "reserved"),
         ({"name": ".."}, "study.name", "folder"),
         ({"figures": {"pictures": ["dammage"]}}, "study.figures.pictures", "did you mean 'damage'"),
+        ({"figures": {"dpy": 3}}, "study.figures.dpy", "did you mean 'dpi'"),
         ({"figures": {"animations": "no"}}, "study.figures.animations", "true or false"),
     ],
 )
