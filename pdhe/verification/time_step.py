@@ -23,14 +23,14 @@ known from its eigenvectors. Against that solution nothing but the time step is 
 The slab's left edge is wet, its initial coverage a random field.
 
 Two limits bound an explicit step. Beyond `1 / max A`, with A the sum of the rates that leave a node, coverage can
-leave the bounds of its data: a single full node among empty ones turns negative. Beyond `2 / lambda_max` the highest
-mode grows. The rows bracket both from 2 % below and above. Runs take nine tenths of the first.
+leave the bounds of its data: a single full node among empty ones turns negative. Beyond `2 / lambda_max` the
+highest mode grows. The rows bracket both from 2 % below and above. Runs take nine tenths of the first.
 
 Hegde (2025, section 8.6) reports the order 1.32 for the same scheme with steps of 1.5 to 6 ns. That cannot be a
 property of the scheme. The error of forward Euler over a time t is about `lambda dt lambda t / 2` of the coverage;
-with the rates of the plate (1e-3 per second at most), steps of 6 ns and an end after 0.37 ms it is of the
-order of 1e-18, a hundred times less than the last digit of a double. What was measured there is the distance to a reference of
-finite step: errors proportional to `dt - dt_ref` have the slope 1.32 over that range if `dt_ref` is 0.63 ns."""
+with the rates of the plate (1e-3 per second at most), steps of 6 ns and an end after 0.37 ms it is of the order of
+1e-18, a hundred times less than the last digit of a double. What was measured there is the distance to a reference
+of finite step: errors proportional to `dt - dt_ref` have the slope 1.32 over that range if `dt_ref` is 0.63 ns."""
 
 
 @dataclass(frozen=True)

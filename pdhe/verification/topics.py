@@ -15,6 +15,7 @@ TOPICS: dict[str, str] = {
     "diffusion_slab": "pdhe.verification.diffusion_slab",
     "diffusion_operator": "pdhe.verification.diffusion_operator",
     "time_step": "pdhe.verification.time_step",
+    "hydrogen_balance": "pdhe.verification.hydrogen_balance",
 }
 
 
