@@ -16,6 +16,7 @@ TOPICS: dict[str, str] = {
     "diffusion_operator": "pdhe.verification.diffusion_operator",
     "time_step": "pdhe.verification.time_step",
     "hydrogen_balance": "pdhe.verification.hydrogen_balance",
+    "convergence_diffusion": "pdhe.verification.convergence_diffusion",
 }
 
 
