@@ -55,6 +55,9 @@ STYLE_KEYS = (
 )
 """Keys that :mod:`pdhe.plotting` knows; written out because reading a study must not load matplotlib."""
 
+UNTOLD = ("title", "outputs.times")
+"""Values that the table of cases leaves out, words and long lists."""
+
 SPEC_LIMIT = 100_000
 """Longest description of a stage in bytes; it travels on a command line, where one argument may hold 128 kB."""
 
@@ -128,7 +131,7 @@ class Study:
             Numbers that sum up a solution, by its identity; they become the last columns.
         """
         flat = [dict(_flatten(case.resolved)) for case in self.cases]
-        keys = dict.fromkeys(key for row in flat for key in row)
+        keys = [key for key in dict.fromkeys(key for row in flat for key in row) if key not in UNTOLD]
         varying = [key for key in keys if len({canonical(row.get(key)) for row in flat}) > 1]
         ends = [(outcomes or {}).get(case.solve_id, {}) for case in self.cases]
         ended = list(dict.fromkeys(key for end in ends for key in end))
@@ -366,8 +369,10 @@ def _nearest(name: str, known: Iterable[str]) -> str:
 
 
 def _flatten(value: object, prefix: str = "") -> Iterable[tuple[str, object]]:
-    """Yield the leaves of nested mappings with dotted keys; lists of numbers and mappings stay whole, as JSON."""
-    if isinstance(value, Mapping):
+    """Yield the leaves of a resolved scene with dotted keys; lists of numbers or words stay whole, as JSON."""
+    if isinstance(value, list) and any(isinstance(item, dict) for item in value):
+        value = {str(place): item for place, item in enumerate(value)}
+    if isinstance(value, dict):
         for key, item in value.items():
             yield from _flatten(item, f"{prefix}.{key}" if prefix else str(key))
     else:
