@@ -17,6 +17,7 @@ TOPICS: dict[str, str] = {
     "time_step": "pdhe.verification.time_step",
     "hydrogen_balance": "pdhe.verification.hydrogen_balance",
     "convergence_diffusion": "pdhe.verification.convergence_diffusion",
+    "permeation": "pdhe.verification.permeation",
 }
 
 
