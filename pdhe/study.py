@@ -48,6 +48,7 @@ STYLE_KEYS = (
     "damage_limit",
     "component",
     "magnification",
+    "window",
     "frames",
     "frame_width",
     "duration",

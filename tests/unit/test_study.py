@@ -139,7 +139,7 @@ def test_styles_are_merged_key_by_key(write):
 def test_style_keys_are_those_of_the_figures():
     from pdhe.plotting.style import Style
 
-    assert [field.name for field in dataclasses.fields(Style)] == list(STYLE_KEYS)
+    assert {field.name for field in dataclasses.fields(Style)} == set(STYLE_KEYS)
 
 
 def test_pictures_and_animations_can_be_chosen(write):
