@@ -18,6 +18,7 @@ TOPICS: dict[str, str] = {
     "hydrogen_balance": "pdhe.verification.hydrogen_balance",
     "convergence_diffusion": "pdhe.verification.convergence_diffusion",
     "permeation": "pdhe.verification.permeation",
+    "embrittlement": "pdhe.verification.embrittlement",
 }
 
 

@@ -1,0 +1,10 @@
+"""The embrittlement law and how the failure rule applies it."""
+
+from pdhe.verification.embrittlement import run
+
+
+def test_law_and_failure_rule():
+    report = run(points=21)
+    assert len(report.rows) >= 15
+    failed = [(row.what, row.expected, row.measured) for row in report.rows if not row.passed]
+    assert not failed
