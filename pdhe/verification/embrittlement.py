@@ -65,7 +65,7 @@ def run(points: int = 101) -> Report:
                 TOUGHNESS * left,
                 2e-3,
                 "MPa sqrt(m)",
-                reason="K goes with the root of the fracture energy, hence with the critical stretch; three digits given",
+                reason="K goes with the root of the fracture energy, so with the critical stretch; three digits given",
             )
         )
     for criterion in ("stretch", "energy"):
@@ -83,18 +83,8 @@ def _plate(criterion: str, degradation: str) -> Case:
         {"on": on, "displacement": {"y": {"times": [0.0, 1.0], "values": [0.0, sign]}}}
         for on, sign in (("top", 1e-6), ("bottom", -1e-6))
     ]
-    return case_of(
-        plate_scene(
-            0.05,
-            0.05,
-            5e-3,
-            {"left": 1.0},
-            1.0,
-            loads=loads,
-            damage={"criterion": criterion},
-            hydrogen={"degradation": degradation},
-        )  # fmt: skip
-    )
+    damage, hydrogen = {"criterion": criterion}, {"degradation": degradation}
+    return case_of(plate_scene(0.05, 0.05, 5e-3, {"left": 1.0}, 1.0, loads=loads, damage=damage, hydrogen=hydrogen))
 
 
 def strain_at_failure(case: Case, coverage: float) -> float:
@@ -116,7 +106,7 @@ def _plate_rows(criterion: str, degradation: str) -> list[Row]:
             1.0,
             dry / case.rule.critical,
             2e-3,
-            reason="bonds along the strain carry all of it as stretch; measured 1e-15, and 5e-4 by energy: shear at edges",
+            reason="bonds along it carry all of it as stretch; measured 1e-15, and 5e-4 by energy: shear at edges",
         )
     ] * (degradation == "stretch")
     for coverage, factor in ((1.0, FULL), (0.5, HALF)):
@@ -140,7 +130,7 @@ def _draw(figure: Figure, psi: np.ndarray, stretch: np.ndarray, energy: np.ndarr
         left.plot(psi, values**2, "--", color=colour, linewidth=1.4, label=f"$G_c$, {text}")
         right.plot(psi, TOUGHNESS * values, color=colour, linewidth=1.4, label=text)
         end = TOUGHNESS * float(values[-1])
-        right.annotate(f"{end:.3g}", (1.0, end), (-4, 6), textcoords="offset points", fontsize=8, ha="right")
+        right.annotate(f"{end:.3g}", (1.0, end), (-6, -6), textcoords="offset points", fontsize=8, ha="right")
     left.legend(fontsize=8, frameon=False)
     label(left, "coverage $\\psi$", "share of the dry value")
     right.legend(fontsize=8, frameon=False)

@@ -19,6 +19,7 @@ TOPICS: dict[str, str] = {
     "convergence_diffusion": "pdhe.verification.convergence_diffusion",
     "permeation": "pdhe.verification.permeation",
     "embrittlement": "pdhe.verification.embrittlement",
+    "saturation_time": "pdhe.verification.saturation_time",
 }
 
 
