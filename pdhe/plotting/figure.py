@@ -1,0 +1,57 @@
+"""Figures: a field at chosen times, in panels that share axes and colours."""
+
+from __future__ import annotations
+
+import string
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+
+from pdhe import post
+from pdhe.plotting.layout import ROOMY, Layout
+from pdhe.plotting.picture import Panel, Picture, check_kind
+from pdhe.plotting.style import MILLIMETRE, RC, Style
+from pdhe.results import open_result
+
+
+def draw(kind: str, result_path: str | Path, style: Mapping[str, Any] | None, out_path: str | Path) -> None:
+    """Draw ``damage``, ``displacement`` or ``coverage`` of a result at the times of the style.
+
+    Cracks are drawn as dark lines along the facets of the cells. Displacement is shown on the displaced shape, whose
+    magnification stands in the figure, as its ``y`` component unless ``x`` grows larger.
+
+    Raises
+    ------
+    PdheError
+        If the result lacks that field, or the style cannot be used.
+    """
+    chosen = Style.of(style)
+    with open_result(result_path) as result:
+        check_kind(result, kind, result_path)
+        picture = Picture(result, kind, chosen)
+        if chosen.times is None:
+            indices = post.telling_snapshots(result, chosen.panels)
+        else:
+            indices = list(dict.fromkeys(post.nearest_snapshot(result, time) for time in chosen.times))
+        with mpl.rc_context(RC | {"font.size": chosen.font_size}):
+            _draw(picture, indices, chosen).savefig(out_path, dpi=chosen.dpi)
+
+
+def _draw(picture: Picture, indices: list[int], style: Style):
+    left, right, bottom, top = picture.extent
+    layout = Layout.of(len(indices), (right - left) / (top - bottom), style.width, style.font_size)
+    figure = layout.figure(style.dpi)
+    shape = tuple(max(2, round(side * MILLIMETRE * style.dpi)) for side in reversed(layout.panel))
+    for number, index in enumerate(indices):
+        axes = layout.axes(figure, number)
+        Panel(axes, picture, shape).show(index)
+        letter = f"({string.ascii_lowercase[number]})  " if len(indices) > 1 else ""
+        axes.set_title(letter + picture.time(index), loc="left", pad=3, fontsize=style.font_size)
+        if layout.panel[0] >= ROOMY:
+            axes.set_title(picture.remark(index), loc="right", pad=3, fontsize=style.font_size)
+    layout.colour_bar(figure, picture)
+    if picture.magnification:
+        layout.note(figure, f"shape: $\\mathbf{{u}}$ × {picture.magnification:g}")
+    return figure
