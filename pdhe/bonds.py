@@ -10,7 +10,7 @@ import numpy as np
 from pdhe.errors import PdheError
 from pdhe.kernels.families import find_families, reverse_bonds
 
-#: Corrections are confined to this range: a handful of bonds in corners would otherwise reach +-20 (theory, 3.3).
+#: Corrections are confined to this range: a handful of bonds in corners would otherwise reach +-20 (theory, eq. 3.3).
 WEIGHT_LIMITS = (0.2, 5.0)
 
 
@@ -114,9 +114,9 @@ def _row_sums(values: np.ndarray, offsets: np.ndarray) -> np.ndarray:
 def partial_volume(length: np.ndarray, horizon: float, spacing: np.ndarray, rule: str) -> np.ndarray:
     """Share of the neighbour's volume that lies inside the horizon, per bond.
 
-    ``full`` counts every node within the horizon whole; ``ramp`` falls linearly from 1 to 0 while the node's centre moves
-    from half a spacing inside to half a spacing outside; ``thesis`` is the same ramp, but bonds longer than the horizon
-    are dropped, which loses 13 % of the stiffness (theory, 3.2).
+    ``full`` counts every node within the horizon whole; ``ramp`` falls linearly from 1 to 0 while the node's centre
+    moves from half a spacing inside to half a spacing outside; ``thesis`` is the same ramp, but bonds longer than the
+    horizon are dropped, which loses 13 % of the stiffness (theory, eq. 3.2).
     """
     if rule == "full":
         return np.where(length <= horizon * (1 + 1e-9), 1.0, 0.0)
@@ -147,8 +147,8 @@ def build_bonds(
     partial
         ``full``, ``ramp`` or ``thesis``: see :func:`partial_volume`.
     surface
-        ``moment matched``, ``volume``, ``energy`` or ``none``: see the ``*_correction`` functions. Corrections are those of
-        the body before it is cracked, since faces that form later cannot have one either.
+        ``moment matched``, ``volume``, ``energy`` or ``none``: see the ``*_correction`` functions. Corrections are
+        those of the body before it is cracked, since faces that form later cannot have one either.
     tangential_ratio
         Tangential over normal bond stiffness; only the ``energy`` correction uses it.
     cracks
@@ -170,8 +170,9 @@ def build_bonds(
     share = partial_volume(length, horizon, 0.5 * (spacing[owner] + spacing[neighbours]), partial)
     kept = share > 0.0
     if not kept.all():
-        offsets = np.concatenate([[0], np.cumsum(np.bincount(owner[kept], minlength=offsets.size - 1))]).astype(np.int64)
-        owner, neighbours, length, vector, share = owner[kept], neighbours[kept], length[kept], vector[kept], share[kept]
+        offsets = np.concatenate([[0], np.cumsum(np.bincount(owner[kept], minlength=offsets.size -
+        1))]).astype(np.int64) owner, neighbours, length, vector, share = owner[kept], neighbours[kept], length[kept],
+        vector[kept], share[kept]
     nx, ny = vector[:, 0] / length, vector[:, 1] / length
     reverse = np.empty(neighbours.size, np.int32)
     reverse_bonds(offsets, neighbours, reverse)
@@ -196,8 +197,8 @@ def build_bonds(
 def moment_correction(offsets, length, nx, ny, volumes, horizon, thickness, order: int = 4) -> np.ndarray:
     """Weights that give every node the moments of a full isotropic neighbourhood (theory, eq. 3.4).
 
-    With ``w = beta V_j r`` per bond, ``sum w (lambda - 1)^2`` is minimised under ``sum w lambda n..n = the moments of the
-    full disc``. Order 4 makes the elasticity tensor of any affine deformation exact at every node, surface nodes
+    With ``w = beta V_j r`` per bond, ``sum w (lambda - 1)^2`` is minimised under ``sum w lambda n..n = the moments of
+    the full disc``. Order 4 makes the elasticity tensor of any affine deformation exact at every node, surface nodes
     included. A node whose bonds cannot bear the constraints (a row of nodes) gets the least-squares closest.
     """
     powers = [nx ** (order - k) * ny**k for k in range(order + 1)]
@@ -241,8 +242,8 @@ def energy_correction(offsets, owner, neighbours, length, nx, ny, volumes, horiz
 def crossed_by(start: np.ndarray, end: np.ndarray, cracks: Sequence) -> np.ndarray:
     """Tell which segments ``start -> end`` (b, 2) cross one of the cracks.
 
-    A bond that only touches a crack's tip is not cut, unless another crack goes on from there. A node that lies on a crack
-    counts as lying on its left, so that a crack through a row of nodes separates it from the row on its right.
+    A bond that only touches a crack's tip is not cut, unless another crack goes on from there. A node that lies on a
+    crack counts as lying on its left, so that a crack through a row of nodes separates it from the row on its right.
     """
     crossed = np.zeros(start.shape[0], bool)
     for index, (a, b) in enumerate(cracks):

@@ -1,4 +1,4 @@
-"""Embrittlement laws: what hydrogen coverage leaves of a bond's resistance (theory, section 5.4)."""
+"""Embrittlement laws: what hydrogen coverage leaves of a bond's resistance (theory, eqs. 5.5 to 5.7)."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ FIELDS: dict[str, Field] = {
     "diffusion_sweeps": Field("1", "diffusion sweeps over all bonds so far", _HISTORY),
     "broken_i": Field("1", "first node of the broken bond", ("broken",)),
     "broken_j": Field("1", "second node of the broken bond", ("broken",)),
-    "broken_time": Field("s", "time at which the bond broke; -1 if a pre-crack cut it", ("broken",)),
+    "broken_time": Field("s", "time at which the bond broke", ("broken",)),
 }
 
 

@@ -10,7 +10,7 @@ from pdhe.bonds import Bonds
 from pdhe.kernels import lattice, mechanics
 from pdhe.kernels.jit import as_float
 
-#: Damage at which the tangential stiffness of a node has faded out where that stiffness is negative (theory, 2.5).
+#: Damage at which the tangential stiffness of a node has faded out where that stiffness is negative (theory, eq. 2.5).
 TANGENTIAL_FADE = 0.2
 
 
@@ -19,7 +19,7 @@ class CondensedRotation:
     """Two-parameter bond from which each node's own rotation is removed: objective, and stable for any Poisson's ratio.
 
     The tangential part of a bond is measured against a rotation of the node that carries no stiffness of its own and
-    is therefore eliminated node by node (theory, eqs. 2.5 to 2.7).
+    is therefore eliminated node by node (theory, eqs. 2.6 and 2.7).
     """
 
     youngs_modulus: float = field(metadata={"unit": "Pa"})
@@ -44,8 +44,8 @@ class CondensedRotation:
 class ThesisSpring(CondensedRotation):
     """The same bond with its tangential spring attached to fixed axes, as the thesis has it.
 
-    Rotating the body stores energy, and shear waves travel too fast (theory, 2.4). Kept for comparison only; indefinite
-    for a Poisson's ratio above 1/3.
+    Rotating the body stores energy, and shear waves travel too fast (theory, eqs. 2.4 and 2.8). Kept for comparison
+    only; indefinite for a Poisson's ratio above 1/3.
     """
 
     condenses_rotation = False
@@ -142,7 +142,7 @@ class Body:
         return out
 
     def energy(self, u: np.ndarray) -> np.ndarray:
-        """Elastic energy of each node, J (n,)."""
+        """Elastic energy of each node, J (n,): half of that of its bonds (theory, eq. 2.1)."""
         b, x, out = self.bonds, self.coordinates, np.empty(self.bonds.node_count)
         spin = self._rotate(u)
         mechanics.elastic_energy(

@@ -7,7 +7,7 @@ def test_moduli_are_recovered(tmp_path):
     assert len(report.rows) == 12
     table = {line["weights"]: line for line in report.tables["corrections"]}
     assert set(table) == {"none", "volume", "energy", "moment matched"}
-    # Theory, 3.2: m = 3, whole cells, no correction: the lattice sum gives 1.0595 E and nu = 0.277.
+    # Theory, eq. 3.2: m = 3, whole cells, no correction: the lattice sum gives 1.0595 E and nu = 0.277.
     assert abs(table["none"]["interior_E"] - 1.0595) < 2e-4
     assert abs(table["none"]["interior_nu"] - 0.2773) < 2e-4
     report.write(tmp_path)
