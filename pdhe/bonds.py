@@ -170,9 +170,10 @@ def build_bonds(
     share = partial_volume(length, horizon, 0.5 * (spacing[owner] + spacing[neighbours]), partial)
     kept = share > 0.0
     if not kept.all():
-        offsets = np.concatenate([[0], np.cumsum(np.bincount(owner[kept], minlength=offsets.size -
-        1))]).astype(np.int64) owner, neighbours, length, vector, share = owner[kept], neighbours[kept], length[kept],
-        vector[kept], share[kept]
+        count = np.bincount(owner[kept], minlength=offsets.size - 1)
+        offsets = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
+        owner, neighbours = owner[kept], neighbours[kept]
+        length, vector, share = length[kept], vector[kept], share[kept]
     nx, ny = vector[:, 0] / length, vector[:, 1] / length
     reverse = np.empty(neighbours.size, np.int32)
     reverse_bonds(offsets, neighbours, reverse)
@@ -225,7 +226,7 @@ def volume_correction(offsets, owner, neighbours, volumes, horizon, thickness) -
 
 
 def energy_correction(offsets, owner, neighbours, length, nx, ny, volumes, horizon, thickness, ratio) -> np.ndarray:
-    """Madenci and Oterkus' energy method: the directional ratio of classical to discrete energy under uniaxial strain."""
+    """Madenci and Oterkus' energy method: classical over discrete energy under uniaxial strain along either axis."""
     factors = []
     for axial, cross in ((nx, ny), (ny, nx)):
         w = volumes * length
