@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,18 +11,23 @@ from pdhe.case import EDGES, Case
 from pdhe.damage import Candidates
 from pdhe.results import Recorder
 from pdhe.state import State
-from pdhe.transport import STEP_SAFETY
+from pdhe.transport import STEP_SAFETY, DiffusionStep
 
-#: Bonds this close to the most critical one break with it. Mirror-image bonds differ by the solver's tolerance only; the
-#: margin keeps a symmetric scene symmetric, and moves a failure by less than this in resistance.
+#: Bonds this close to the most critical one break with it. Mirror-image bonds differ by the solver's tolerance only;
+#: the margin keeps a symmetric scene symmetric, and moves a failure by less than this in resistance.
 TOGETHER = 1e-4
+#: Largest second-order term, relative to the first-order one, of the coverage of the bonds that could break, in one
+#: step. The scheme is of second order, so its own error is the next, smaller term. Measured at 2.5 mm against 0.01: 0.1
+#: leaves the fast scene's crack within 0.3 mm of 140 mm (without the limit: 5 mm) and costs the slow scene 7 % more
+#: sweeps.
+CURVATURE = 0.1
 #: Bisection steps that locate a failure inside a step: far below any other error in time.
 BISECTIONS = 40
 
 
 @dataclass
 class Motion:
-    """Displacements between two times under prescribed values that are linear in between: linear too, while nothing breaks."""
+    """Displacements between two times with prescribed values linear in between: linear too, while nothing breaks."""
 
     t0: float
     t1: float
@@ -77,7 +83,7 @@ def move_to(case: Case, state: State, motion: Motion, t: float) -> None:
 
 
 def hold_prescribed_coverage(case: Case, state: State) -> None:
-    """Set the coverage of node sets with a prescribed value, and of saturated nodes, to what it is at the present time."""
+    """Set the coverage of node sets with a prescribed value, and of saturated nodes, to that of the present time."""
     hydrogen = case.scene.hydrogen
     for condition in hydrogen.boundary:
         if condition.on not in EDGES:
@@ -106,9 +112,8 @@ def saturate_broken(case: Case, state: State) -> None:
 def advance(case: Case, state: State, until: float, motion: Motion | None, candidates: Candidates | None) -> bool:
     """Go on in time until ``until`` or the first failure, whichever comes first; tell whether a bond fails.
 
-    With hydrogen, explicit steps at the diffusion's own stable length; within the step in which a candidate reaches its
-    resistance, the coverage is linear in time (that is what a forward Euler step is), so the instant is found by
-    bisection. Without hydrogen, the first crossing along the motion.
+    With hydrogen, second-order steps at the diffusion's own stable length; each gives the coverage at any instant
+    inside it, so that the failure is found there by bisection. Without hydrogen, the first crossing along the motion.
     """
     if candidates is not None and candidates.bond.size == 0:
         candidates = None
@@ -124,55 +129,52 @@ def advance(case: Case, state: State, until: float, motion: Motion | None, candi
     return _diffuse_until(case, state, until, motion, candidates)
 
 
-def _diffuse_until(case, state, until, motion, candidates) -> bool:
+def _diffuse_until(
+    case: Case, state: State, until: float, motion: Motion | None, candidates: Candidates | None
+) -> bool:
     diffusion, hydrogen = case.diffusion, case.scene.hydrogen
     edges = [c for c in hydrogen.boundary if c.on in EDGES]
-    span = until - state.time
-    steps = max(1, int(np.ceil(span / (STEP_SAFETY * diffusion.stable_step(state.held)))))
-    dt, begin = span / steps, state.time
     steady = not any(len(set(c.coverage.values)) > 1 for c in hydrogen.boundary)
-    new = np.empty_like(state.coverage)
-    for step in range(1, steps + 1):
-        now = state.time
-        later = until if step == steps else begin + step * dt
+    limit = STEP_SAFETY * diffusion.stable_step(state.held)
+    allowed = limit
+    while state.time < until:
+        now, left = state.time, until - state.time
+        # Equal steps up to the target, so that no sliver of a step is left at the end.
+        later = until if left <= allowed else now + left / math.ceil(left / allowed)
         source = diffusion.source({c.on: c.coverage(0.5 * (now + later)) for c in edges})
-
-        def sweep(length: float, source=source) -> None:
-            state.diffusion_sweeps += 1
-            diffusion.step(state.coverage, length, state.held, source, new, state.supply)
-
-        sweep(later - now)
+        step = DiffusionStep(diffusion, state.coverage, later - now, state.held, source)
+        state.diffusion_sweeps += step.sweeps
+        share = None
         if candidates is not None:
-            f0, f1 = (motion.fraction(now), motion.fraction(later)) if motion.moving else (0.0, 0.0)
-            old = state.coverage
-            if candidates.ratio(f1, new).max() >= 1.0:
-
-                def worst(x: float, old=old, f0=f0, f1=f1) -> float:
-                    return candidates.ratio(f0 + x * (f1 - f0), old + x * (new - old)).max()
-
-                share = _first_crossing(worst)
-                if share < 1.0:
-                    reached = old + share * (new - old)
-                    sweep((share - 1.0) * (later - now))  # takes back what entered after the failure
-                    new[:] = reached
-                state.coverage, new = new, state.coverage
-                state.time = now + share * (later - now)
-                hold_prescribed_coverage(case, state)
-                return True
-        settled = steady and not motion_moves(motion) and np.array_equal(new, state.coverage)
-        state.coverage, new = new, state.coverage
-        state.time = later
+            curvature = step.curvature_at(candidates.i, candidates.j)
+            allowed = min(limit, (later - now) * min(2.0, CURVATURE / max(curvature, 1e-300)))
+            if curvature > 1.5 * CURVATURE:
+                continue
+            share = _share_until_failure(step, motion, candidates, now, later)
+        reached = 1.0 if share is None else share
+        state.coverage = step.coverage(reached)
+        state.supply += step.supply(reached)
+        state.time = later if reached == 1.0 else now + reached * (later - now)
         if not steady:
             hold_prescribed_coverage(case, state)
-        if settled:
+        if share is not None:
+            return True
+        if steady and step.still and not (motion is not None and motion.moving):
             state.time = until
-            break
     return False
 
 
-def motion_moves(motion: Motion | None) -> bool:
-    """Whether there is a motion, and it moves."""
-    return motion is not None and motion.moving
+def _share_until_failure(
+    step: DiffusionStep, motion: Motion, candidates: Candidates, now: float, later: float
+) -> float | None:
+    """Share of a diffusion step after which the first candidate is critical; None if none becomes so."""
+    f0, f1 = (motion.fraction(now), motion.fraction(later)) if motion.moving else (0.0, 0.0)
+
+    def worst(share: float) -> float:
+        psi = 0.5 * (step.coverage(share, candidates.i) + step.coverage(share, candidates.j))
+        return float(candidates.ratio_at(f0 + share * (f1 - f0), psi).max())
+
+    return _first_crossing(worst) if worst(1.0) >= 1.0 else None
 
 
 def _first_crossing(worst) -> float:

@@ -35,8 +35,8 @@ class Prescribed:
 class DisplacementConditions:
     """All prescribed displacements of a scene.
 
-    An edge's displacement belongs to the edge, but the outermost nodes sit half a cell inside it. Where the opposite edge
-    prescribes the same component too, the nodes take the value that a uniform strain between both edges has at their
+    An edge's displacement belongs to the edge, but the outermost nodes sit half a cell inside it. Where the opposite
+    edge prescribes the same component, the nodes take the value that a uniform strain between both edges has at their
     place; without this the strain would be too large by spacing over plate size. ``at: nodes`` switches that off.
 
     Attributes
@@ -57,7 +57,7 @@ class DisplacementConditions:
         self.fixed = np.zeros(self.shape, bool)
         self._patterns: list[tuple[int, int, np.ndarray, np.ndarray]] = []  # (load, component, nodes, factor)
         for index, load in enumerate(prescribed):
-            # A corner node of two sets belongs to the condition that comes first; the scene's check saw that they agree.
+            # A corner node of two sets belongs to the condition that comes first; the scene's check saw them agree.
             nodes = node_sets[load.on][~self.fixed[node_sets[load.on], load.component]]
             self.fixed[nodes, load.component] = True
             partner = self._partner(load)

@@ -14,9 +14,9 @@ from pdhe.materials import Body, CondensedRotation
 def crossing_sum(bonds: Bonds, volume: np.ndarray) -> float:
     """Sum of ``beta lambda V_i V_j r`` over the bonds that cross a unit area of a crack, m^5 (theory, eq. 5.4).
 
-    A bond of length r crosses a unit length of a crack with normal n with the mean frequency ``|xi . n|``. On a lattice the
-    sum depends on the crack's orientation by some per cent; it is taken for the weakest one, which is where cracks run.
-    Only nodes whose family is whole enter (all of them where none is).
+    A bond of length r crosses a unit length of a crack with normal n with the mean frequency ``|xi . n|``. On a lattice
+    the sum depends on the crack's orientation by some per cent; it is taken for the weakest one, which is where cracks
+    run. Only nodes whose family is whole enter (all of them where none is).
     """
     size = np.diff(bonds.offsets)
     interior = size >= 0.95 * np.median(size)
@@ -34,9 +34,9 @@ def crossing_sum(bonds: Bonds, volume: np.ndarray) -> float:
 def critical_stretch(model: CondensedRotation, crossing: float, toughness: float, calibration: str) -> float:
     """Critical stretch of a dry bond for a fracture energy ``toughness``, J/m^2.
 
-    ``continuum`` uses the integral over a full disc, ``G = k_n s_c^2 h delta^4 / 4`` (theory, eq. 5.3); ``discrete`` the bonds
-    that the actual set of nodes has (``crossing`` from :func:`crossing_sum`), which differ from the integral by up to 18 %
-    in energy.
+    ``continuum`` uses the integral over a full disc, ``G = k_n s_c^2 h delta^4 / 4`` (theory, eq. 5.3); ``discrete``
+    the bonds that the actual set of nodes has (``crossing`` from :func:`crossing_sum`), which differ from the integral
+    by up to 18 % in energy.
     """
     if calibration == "continuum":
         return float(np.sqrt(4.0 * toughness / (model.normal * model.thickness * model.horizon**4)))
@@ -58,7 +58,8 @@ class FailureRule:
     resistance
         Function of the coverage giving the fraction of ``critical`` that is left; None without hydrogen.
     may_fail
-        Directed bonds that are allowed to break, bool (b,); each undirected bond is marked once, seen from the lower node.
+        Directed bonds that are allowed to break, bool (b,); each undirected bond is marked once, seen from the lower
+        node.
     """
 
     critical: float
@@ -76,14 +77,12 @@ class FailureRule:
 class Candidates:
     """The bonds that could break while the displacements go linearly from ``u0`` to ``u1``.
 
-    A bond is in the list if its load at either end reaches the least resistance that saturation could leave it. Loads are
-    convex in time between the two ends, so no other bond can fail in between. With ``watch`` the list is lengthened, if need
-    be, until it surely holds the bond that is nearest to failure.
+    A bond is in the list if its load at either end reaches the least resistance that saturation could leave it. Loads
+    are convex in time between the two ends, so no other bond can fail in between. With ``watch`` the list is
+    lengthened, if need be, until it surely holds the bond that is nearest to failure.
     """
 
-    def __init__(
-        self, body: Body, rule: FailureRule, u0: np.ndarray, u1: np.ndarray, *, watch: bool = False
-    ) -> None:
+    def __init__(self, body: Body, rule: FailureRule, u0: np.ndarray, u1: np.ndarray, *, watch: bool = False) -> None:
         self.rule = rule
         self.ratio_of_moduli = body.tangential / body.normal
         moving = u1 is not u0
@@ -123,9 +122,13 @@ class Candidates:
 
         The coverage of a bond is the mean of its two ends (theory, eq. 5.8).
         """
+        return self.ratio_at(fraction, None if psi is None else 0.5 * (psi[self.i] + psi[self.j]))
+
+    def ratio_at(self, fraction: float, psi: np.ndarray | None) -> np.ndarray:
+        """The same for the coverage of each candidate, (k,)."""
         critical = self.rule.critical
         if psi is not None and self.rule.resistance is not None:
-            critical = critical * self.rule.resistance(0.5 * (psi[self.i] + psi[self.j]))
+            critical = critical * self.rule.resistance(psi)
         return self.load(fraction) / critical
 
 

@@ -15,7 +15,7 @@ class EmbrittlementLaw:
     Attributes
     ----------
     factor
-        Function of the coverage (0 to 1, array) that returns what is left of the resistance; 1 without hydrogen, falling.
+        Function of the coverage (0 to 1, array): what is left of the resistance; 1 without hydrogen, falling.
     source
         Where it comes from.
     """
@@ -28,7 +28,7 @@ class EmbrittlementLaw:
 LAWS = {
     "serebrinsky": EmbrittlementLaw(
         lambda psi: 1.0 - 1.0467 * psi + 0.1687 * psi**2,
-        "Serebrinsky, Carter and Ortiz (2004), J. Mech. Phys. Solids 52, 2403: fit to the ideal fracture energy of Fe(110)",
+        "Serebrinsky, Carter and Ortiz (2004), J. Mech. Phys. Solids 52, 2403: ideal fracture energy of Fe(110)",
     ),
 }
 
@@ -36,8 +36,8 @@ LAWS = {
 def resistance(law: EmbrittlementLaw, degradation: str, psi: np.ndarray) -> np.ndarray:
     """Critical stretch over its dry value at coverage ``psi`` (theory, eqs. 5.6 and 5.7).
 
-    ``degradation`` says what the law's factor multiplies: the critical ``stretch``, or the fracture ``energy``, whose square
-    root the stretch follows.
+    ``degradation`` says what the law's factor multiplies: the critical ``stretch``, or the fracture ``energy``, whose
+    square root the stretch follows.
     """
     factor = law.factor(np.asarray(psi))
     return factor if degradation == "stretch" else np.sqrt(factor)

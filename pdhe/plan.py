@@ -6,7 +6,7 @@ import numpy as np
 
 from pdhe.case import Case
 from pdhe.errors import SceneError
-from pdhe.transport import STEP_SAFETY
+from pdhe.transport import STEP_SAFETY, DiffusionStep
 
 
 def make_plan(case: Case) -> str:
@@ -20,7 +20,7 @@ def make_plan(case: Case) -> str:
     scene, d = case.scene, case.discretization
     lines = [
         f"scene: {scene.title}",
-        f"nodes: {d.volume.size}, spacing {np.sqrt(np.median(d.spacing**2)):.6g} m, horizon {case.bonds.horizon:.6g} m, "
+        f"nodes: {d.volume.size}, spacing {np.median(d.spacing):.6g} m, horizon {case.bonds.horizon:.6g} m, "
         f"bonds: {case.bonds.length.size // 2}, bond memory {_bond_bytes(case) / 1e6:.1f} MB",
         _mechanics(case),
         _damage(case),
@@ -77,8 +77,8 @@ def _hydrogen(case: Case) -> str:
             )  # fmt: skip
     else:
         step = STEP_SAFETY * limit
-    count = case.scene.time.end / step if np.isfinite(step) else 0
-    return f"hydrogen: on, explicit steps of at most {step:.4g} s (limit {limit:.4g} s), about {count:.0f} sweeps"
+    count = DiffusionStep.sweeps * case.scene.time.end / step if np.isfinite(step) else 0
+    return f"hydrogen: on, explicit steps of at most {step:.4g} s (limit {limit:.4g} s), at least {count:.0f} sweeps"
 
 
 def _stepping(case: Case) -> str:

@@ -26,7 +26,9 @@ RUNAWAY = 5.0
 Progress = Callable[[str], None]
 
 
-def solve_case(scene: Scene, discretization: Discretization, path: str | Path, progress: Progress | None = None) -> None:
+def solve_case(
+    scene: Scene, discretization: Discretization, path: str | Path, progress: Progress | None = None
+) -> None:
     """Run a scene and write its result file.
 
     Raises
@@ -70,7 +72,10 @@ def start(case: Case) -> State:
     """State at time zero: at rest, initial coverage, prescribed coverage in place."""
     n, state = case.discretization.volume.size, State()
     if case.equilibrium is not None:
-        state.displacement, state.force = case.equilibrium.solve(np.zeros((n, 2)), case.conditions.values(0.0))
+        state.displacement, state.force = np.zeros((n, 2)), np.zeros((n, 2))
+        u, force = case.equilibrium.solve(state.displacement, case.conditions.values(0.0))
+        # A load that is on from the start counts as applied slowly before it: the work of a proportional ramp.
+        moves.move_to(case, state, moves.Motion(0.0, 0.0, u, u, force, force), 0.0)
     if case.diffusion is not None:
         state.coverage = np.full(n, case.scene.hydrogen.initial)
         state.held, state.saturated, state.supply = np.zeros(n, bool), np.zeros(n, bool), np.zeros(n)
@@ -93,7 +98,7 @@ def _step_events(case: Case, state: State, recorder: Recorder, log: Progress, ru
                 candidates = Candidates(case.body, case.rule, motion.u0, motion.u1)
         failed = False
         while state.time < corner and not failed:
-            until = min([t for t in outputs if t > state.time][:1] + [corner])
+            until = min([corner, *[t for t in outputs if t > state.time][:1]])
             failed = moves.advance(case, state, until, motion, candidates)
             if motion is not None:
                 moves.move_to(case, state, motion, state.time)
@@ -174,9 +179,7 @@ def record(case: Case, state: State, recorder: Recorder, snapshot: bool) -> None
     if case.equilibrium is not None:
         work = case.equilibrium.work
         row |= case.conditions.reactions(state.force)
-        row |= {
-            f"applied_{p.on}_{'xy'[p.component]}": p.value(state.time) for p in case.conditions.prescribed
-        }
+        row |= {f"applied_{p.on}_{'xy'[p.component]}": p.value(state.time) for p in case.conditions.prescribed}
         row["elastic_energy"] = float(case.body.energy(state.displacement).sum())
         row["external_work"] = state.external_work
         row |= {

@@ -25,10 +25,10 @@ REBUILD_AFTER = 6
 class Preconditioner:
     """Two-level additive preconditioner: a coarse operator for long waves plus the inverse diagonal for short ones.
 
-    The stiffness of a horizon-wide family behaves like that of the nearest neighbours for long waves and like a constant
-    for waves shorter than the horizon, so that its inverse is close to the *sum* of a coarse-grid inverse and the inverse
-    diagonal. The coarse space is smoothed aggregation over the short bonds (same cuts and broken bonds), with the rigid
-    motions as near-null space; the coarse matrix is factorised.
+    The stiffness of a horizon-wide family behaves like that of the nearest neighbours for long waves and like a
+    constant for waves shorter than the horizon, so that its inverse is close to the *sum* of a coarse-grid inverse and
+    the inverse diagonal. The coarse space is smoothed aggregation over the short bonds (same cuts and broken bonds),
+    with the rigid motions as near-null space; the coarse matrix is factorised.
     """
 
     def __init__(self, body: Body, free: np.ndarray, coordinates: np.ndarray, spacing: np.ndarray) -> None:
@@ -118,8 +118,8 @@ class Equilibrium:
     fixed
         Prescribed degrees of freedom, bool (n, 2).
     tolerance
-        Norm of the residual over the free degrees of freedom, relative to that of the forces at the prescribed ones; the
-        largest such norm of the run counts, so that a plate that has come apart still has a scale.
+        Norm of the residual over the free degrees of freedom, relative to that of the forces at the prescribed ones;
+        the largest such norm of the run counts, so that a plate that has come apart still has a scale.
     """
 
     def __init__(
@@ -212,6 +212,6 @@ class Equilibrium:
         worst = int(np.nanargmax(np.abs(residual).max(axis=1))) if np.isfinite(residual).any() else 0
         raise SimulationError(
             f"equilibrium not reached: relative residual {norm / max(self.reference, 1e-300):.3g} after {iterations} "
-            f"iterations (wanted {self.tolerance:g}); largest at node {worst}, x = {self.coordinates[worst].tolist()} m; "
-            "raise solver.max_iterations or solver.tolerance"
+            f"iterations (wanted {self.tolerance:g}); largest at node {worst}, "
+            f"x = {self.coordinates[worst].tolist()} m; raise solver.max_iterations or solver.tolerance"
         )

@@ -65,7 +65,9 @@ class Diffusion:
         """
         b = self.bonds
         if b.lattice is not None:
-            lattice.diffuse(b.lattice.step, self._by_offset, self._sink, source, held, self.volume, dt, psi, new, supply)
+            lattice.diffuse(
+                b.lattice.step, self._by_offset, self._sink, source, held, self.volume, dt, psi, new, supply
+            )
         else:
             kernels.diffuse(
                 b.offsets, b.neighbours, self.rate, self._sink, source, held, self.volume, dt, psi, new, supply
@@ -86,6 +88,55 @@ class Diffusion:
     def source(self, coverage: dict[str, float]) -> np.ndarray:
         """Edge exchange rates times the edges' coverages, 1/s (n,)."""
         return sum((self.exchange[name] * value for name, value in coverage.items()), np.zeros(self.volume.size))
+
+
+class DiffusionStep:
+    """One step of second order, with the coverage at any instant inside it (theory, eq. 4.7).
+
+    Two forward Euler stages give the exact second-order Taylor polynomial of the linear problem. At the end of the step
+    it is the mean of the start and of two Euler steps in a row: a mean of values that keep within the bounds of the
+    data, so that the step keeps within them at the same stable length as a single Euler step.
+
+    Parameters
+    ----------
+    diffusion
+        The rates.
+    psi
+        Coverage at the start (n,); kept, not changed.
+    dt
+        Length, s; at most :meth:`Diffusion.stable_step`.
+    held, source
+        As in :meth:`Diffusion.step`.
+    """
+
+    sweeps = 2
+
+    def __init__(self, diffusion: Diffusion, psi: np.ndarray, dt: float, held: np.ndarray, source: np.ndarray) -> None:
+        self.start, first, second = psi, np.empty_like(psi), np.empty_like(psi)
+        self._supply0, self._supply1 = np.zeros_like(psi), np.zeros_like(psi)
+        diffusion.step(psi, dt, held, source, first, self._supply0)
+        diffusion.step(first, dt, held, source, second, self._supply1)
+        self.slope = first - psi
+        self.bend = second - first - self.slope
+
+    def coverage(self, share: float, nodes: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """Coverage of some nodes after a share of the step."""
+        return self.start[nodes] + share * self.slope[nodes] + (0.5 * share**2) * self.bend[nodes]
+
+    def supply(self, share: float) -> np.ndarray:
+        """What entered through each node from outside during a share of the step, m^3 (n,)."""
+        return share * self._supply0 + (0.5 * share**2) * (self._supply1 - self._supply0)
+
+    def curvature_at(self, i: np.ndarray, j: np.ndarray) -> float:
+        """Largest second-order over largest first-order term of the step, in the mean coverage of two nodes."""
+        slope = np.abs(self.slope[i] + self.slope[j]).max(initial=0.0)
+        bend = 0.5 * np.abs(self.bend[i] + self.bend[j]).max(initial=0.0)
+        return float(bend / slope) if slope > 0.0 else 0.0
+
+    @property
+    def still(self) -> bool:
+        """Whether nothing changes."""
+        return not self.slope.any()
 
 
 def build_diffusion(

@@ -11,9 +11,9 @@ from pdhe.kernels.jit import kernel
 def diffuse(offsets, neighbours, rate, sink, source, held, volume, dt, psi, new, supply):
     """One forward Euler step of the coverage, ``psi`` to ``new`` (theory, eq. 4.5).
 
-    ``rate`` 1/s per bond; ``sink`` 1/s and ``source`` (sink times outside coverage, 1/s) exchange with prescribed edges; held
-    nodes keep their value. ``supply`` gathers what enters through each node from outside, m^3: through the edge, or, at a
-    held node, whatever keeps it from changing.
+    ``rate`` 1/s per bond; ``sink`` 1/s and ``source`` (sink times outside coverage, 1/s) exchange with prescribed
+    edges; held nodes keep their value. ``supply`` gathers what enters through each node from outside, m^3: through the
+    edge, or, at a held node, whatever keeps it from changing.
     """
     for i in prange(psi.size):
         here = psi[i]

@@ -10,7 +10,7 @@ from pdhe.kernels.jit import kernel, serial_kernel
 
 @serial_kernel
 def bin_nodes(column, row, columns, rows, start, members):
-    """Counting sort of nodes into grid boxes: ``members[start[b]:start[b+1]]`` are the nodes of box ``b``, ascending."""
+    """Sort nodes into grid boxes: ``members[start[b]:start[b+1]]`` are the nodes of box ``b``, ascending."""
     for i in range(column.size):
         start[row[i] * columns + column[i] + 1] += 1
     for b in range(columns * rows):

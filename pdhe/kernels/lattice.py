@@ -1,12 +1,14 @@
 """The sweeps on a regular lattice, where a bond is a fixed step in the node numbering.
 
-On a rectangular grid numbered row by row, the neighbour at a given offset is always the same number of nodes away. Weights
-are then stored offset by offset, ``weight[o, i]`` for the bond from i to ``i + step[o]`` (zero where there is none), and each
-sweep runs over contiguous nodes for one offset after the other: no indices, no gathers, and the compiler turns the inner
-loops into vector instructions. Sums over a family are taken in the order of the offsets whatever the number of threads.
+On a rectangular grid numbered row by row, the neighbour at a given offset is always the same number of nodes away.
+Weights are then stored offset by offset, ``weight[o, i]`` for the bond from i to ``i + step[o]`` (zero where there is
+none), and each sweep runs over contiguous nodes for one offset after the other: no indices, no gathers, and the
+compiler turns the inner loops into vector instructions. Sums over a family are taken in the order of the offsets
+whatever the number of threads.
 
-Shared arguments: ``step`` nodes to the neighbour, ``dx, dy`` bond vectors, m, one an offset; ``ux, uy`` displacements, m (n,).
-The meaning of the rest is that of the gather kernels in :mod:`pdhe.kernels.mechanics` and :mod:`pdhe.kernels.diffusion`.
+Shared arguments: ``step`` nodes to the neighbour, ``dx, dy`` bond vectors, m, one an offset; ``ux, uy`` displacements,
+m (n,). The meaning of the rest is that of the gather kernels in :mod:`pdhe.kernels.mechanics` and
+:mod:`pdhe.kernels.diffusion`.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
 """Forces, energies and bond loads of the linear two-parameter bond (theory, section 2).
 
-Shared arguments: ``offsets, neighbours`` directed bonds; ``x`` node positions, m, and ``u`` displacements, m, both (n, 2);
-``cubed`` the bond's ``beta lambda V_i V_j / r^3``, m^3, zero where the bond is broken, equal in both directions; ``inverse``
-one over the rotation weight of a node (zero: no rotation is condensed out); ``share`` the factor on a node's tangential
-stiffness.
+Shared arguments: ``offsets, neighbours`` directed bonds; ``x`` node positions, m, and ``u`` displacements, m, both (n,
+2); ``cubed`` the bond's ``beta lambda V_i V_j / r^3``, m^3, zero where the bond is broken, equal in both directions;
+``inverse`` one over the rotation weight of a node (zero: no rotation is condensed out); ``share`` the factor on a
+node's tangential stiffness.
 
-With that weight nothing needs a square root or a division per bond, and a bond streams 12 bytes: geometry comes from the
-node positions, which stay in cache, instead of from stored directions and lengths. The force sweep is bound by memory, and
-this made it 2.3 times faster than with stored directions (20,000 nodes, one thread), to the same round-off.
+With that weight nothing needs a square root or a division per bond, and a bond streams 12 bytes: geometry comes from
+the node positions, which stay in cache, instead of from stored directions and lengths. The force sweep is bound by
+memory, and this made it 2.3 times faster than with stored directions (20,000 nodes, one thread), to the same round-off.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def rotation_weight(offsets, neighbours, x, cubed, inverse):
 
 @kernel
 def node_rotation(offsets, neighbours, x, cubed, inverse, share, u, spin):
-    """Write the condensed rotation of each node (theory, eq. 2.6) into ``spin[:, 0]``, times its share into ``[:, 1]``."""
+    """Write the condensed rotation of each node (theory, eq. 2.6), ``spin[:, 0]``, and that times its share."""
     for i in prange(offsets.size - 1):
         px = x[i, 0]
         py = x[i, 1]

@@ -27,4 +27,6 @@ def test_same_bits_on_one_and_two_threads_and_again(name, tmp_path):
     assert results[0].broken_bonds.values[-1] > 0
     for other in results[1:]:
         for variable in results[0].variables:
-            assert np.array_equal(results[0][variable].values, other[variable].values, equal_nan=variable.startswith("crack"))
+            assert np.array_equal(
+                results[0][variable].values, other[variable].values, equal_nan=variable.startswith("crack")
+            )

@@ -83,7 +83,9 @@ def test_a_crack_through_the_whole_plate_separates_it(angle):
     x = lattice(20, 20)
     way = np.array([np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))]) * 0.1
     centre = x.mean(axis=0) + 1e-5
-    b = build_bonds(x, np.ones(len(x)), np.full(len(x), 1e-3), THICKNESS, 3.015e-3, cracks=[(centre - way, centre + way)])
+    b = build_bonds(
+        x, np.ones(len(x)), np.full(len(x), 1e-3), THICKNESS, 3.015e-3, cracks=[(centre - way, centre + way)]
+    )
     side = (x - centre) @ [-way[1], way[0]] > 0
     assert np.array_equal(b.cut, side[b.owners()] != side[b.neighbours])
 

@@ -102,7 +102,9 @@ def test_history_converges_with_grouping(solve):
     """Crack extension against time hardly depends on how many critical bonds break together."""
     times = np.linspace(4e6, 1.2e7, 17)
     histories = {
-        g: np.interp(times, *(solve(("stepping.grouping", g))[name].values for name in ("history_time", "crack_length")))
+        g: np.interp(
+            times, *(solve(("stepping.grouping", g))[name].values for name in ("history_time", "crack_length"))
+        )
         for g in (0.5, 0.1, 0.0)
     }
     change = {g: np.abs(histories[g] - histories[0.0]).max() / 0.0825 for g in histories}
@@ -115,10 +117,33 @@ def test_fixed_stepping_converges_to_event_stepping(solve):
     event = solve().crack_extension.values[-1]
     errors = []
     for steps, sub in ((60, 50), (240, 12)):
-        fixed = solve(
-            ("stepping.mode", "fixed"), ("stepping.load_steps", steps), ("stepping.diffusion_substeps", sub)
-        )
+        fixed = solve(("stepping.mode", "fixed"), ("stepping.load_steps", steps), ("stepping.diffusion_substeps", sub))
         errors.append(abs(fixed.crack_extension.values[-1] - event))
     assert errors[1] < errors[0]
     # Two cells of 2.5 mm.
     assert errors[1] <= 5.1e-3
+
+
+def arrival(result, lengths):
+    """Times at which the crack first has each length: unlike the length at a time, they move smoothly."""
+    reached = result.crack_length.values[:, None] >= lengths
+    return result.history_time.values[reached.argmax(axis=0)]
+
+
+@pytest.mark.parametrize(
+    ("path", "changes"), [("mode_i", COARSE), ("mode_i_fast", {"mesh.spacing": "2.5 mm", "outputs.count": 2})]
+)
+def test_history_converges_with_the_diffusion_step(path, changes, tmp_path, monkeypatch):
+    scene = load_scene(f"config/scenes/{path}.yaml", changes)
+    make_mesh(scene.geometry, scene.mesh, tmp_path / "plate.msh")
+    d = discretize(tmp_path / "plate.msh", scene.geometry, scene.mesh)
+    lengths, times, sweeps = np.linspace(0.051, 0.08, 11), [], []
+    for curvature in (0.1, 0.03):
+        monkeypatch.setattr("pdhe.advance.CURVATURE", curvature)
+        result = simulate(build_case(scene, d))
+        times.append(arrival(result, lengths))
+        sweeps.append(result.diffusion_sweeps.values[-1])
+    assert sweeps[1] > 1.2 * sweeps[0], "the finer run takes more steps"
+    assert times[1][0] > 0 and times[1][-1] > 1.1 * times[1][0], "the crack grows"
+    # Measured 1e-6 (slow) and 0.0011 (fast): steps of second order whose second-order term is a tenth of the first.
+    assert np.abs(times[0] / times[1] - 1.0).max() < 0.003
