@@ -52,7 +52,7 @@ def run(columns: int = 50) -> Report:
             2.0 * math.sqrt(short / unit / math.pi),
             float(np.average(early, weights=volume)),
             kind="at most",
-            reason=f"2 sqrt(D t / pi) / L of a half space, where the claim is {MEAN / SATURATION:.2f}; cells much larger "
+            reason=f"2 sqrt(D t / pi) / L, where the claim is {MEAN / SATURATION:.2f}; cells much larger "
             "than the depth of half a micrometre take up less",
         ),
         Row(
@@ -112,7 +112,7 @@ def run(columns: int = 50) -> Report:
             float(slab(np.array([x.max() / LENGTH]), by_mean)[0]),
             float(late[far].mean()),
             8e-4 * (50.0 / columns) ** 2,
-            reason="the series at the last row of nodes; measured 2.9e-4 with 50 columns; the thesis has 0.566 at the edge",
+            reason="series at the last row of nodes; measured 2.9e-4 with 50 columns; the thesis has 0.566 at the edge",
         ),
     ]
     return Report("saturation_time", "Time to saturation", TEXT, rows, lambda figure: _draw(figure, by_mean, columns))
