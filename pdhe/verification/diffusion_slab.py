@@ -78,7 +78,7 @@ def run(
         errors = study("square", kernel, "quadrilateral", square)
         rows.append(_order(f"order, square with two wet edges, kernel {kernel}", square, errors, 0.15, "2.01 to 2.02"))
     for kernel in KERNELS:
-        for body, bound, found in (("slab", 1e-3, "2.1e-4 to 3.8e-4"), ("square", 5e-4, "0.9e-4 to 1.2e-4")):
+        for body, bound, found in (("slab", 1e-3, "2.2e-4 to 3.8e-4"), ("square", 1e-3, "1.4e-4 to 2.1e-4")):
             sizes = triangles if body == "slab" else square
             errors = study(body, kernel, "triangle", sizes)
             rows.append(
@@ -93,10 +93,10 @@ def run(
             rows.append(
                 Row(
                     f"order on triangles, {body}, kernel {kernel}",
-                    2.0,
+                    1.0,
                     _slope(sizes, errors),
-                    kind="shown",
-                    reason="between one and two, and not smooth: see the text",
+                    kind="at least",
+                    reason="measured 1.3 to 1.5 for the slab and 1.9 for the square: see the text",
                 )
             )
     rows += _profile_rows(columns[-2])

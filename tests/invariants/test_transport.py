@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pdhe.bonds import build_bonds
-from pdhe.transport import KERNELS, Diffusion, Edge, build_diffusion
+from pdhe.transport import KERNELS, Diffusion, DiffusionStep, Edge, build_diffusion
 from tests.lattices import lattice
 
 SPACING, THICKNESS, DIFFUSIVITY = 1e-3, 4e-3, 0.84e-9
@@ -47,6 +47,15 @@ def march(diffusion: Diffusion, psi, edge_values: dict[str, float], held, dt: fl
         diffusion.step(psi, dt, held, source, new, supply)
         psi, new = new, psi
     return psi, supply
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    """Bodies of a hundred nodes gain nothing from threads, and lose much on a busy machine."""
+    before = numba.get_num_threads()
+    numba.set_num_threads(1)
+    yield
+    numba.set_num_threads(before)
 
 
 @pytest.fixture(params=KERNELS, ids=list(KERNELS))
@@ -105,6 +114,21 @@ def test_content_changes_by_what_enters(kernel, nodes, prescribed):
     assert abs(change - supply.sum()) < 1e-12 * diffusion.volume.sum()
 
 
+@pytest.mark.parametrize("nodes", NODES)
+def test_content_changes_by_what_enters_at_any_instant_of_a_step(kernel, nodes):
+    diffusion = make_diffusion(kernel, nodes)
+    rng = np.random.default_rng(3)
+    psi, held = rng.uniform(size=COLUMNS * ROWS), rng.uniform(size=COLUMNS * ROWS) < 0.1
+    source = diffusion.source({"left": 1.0, "bottom": 0.2})
+    step = DiffusionStep(diffusion, psi, diffusion.stable_step(held), held, source)
+    for share in (0.3, 1.0):
+        change = diffusion.volume @ (step.coverage(share) - psi)
+        assert np.abs(step.coverage(share) - psi).max() > 0.1
+        # Round-off: measured 1e-16 of the content.
+        assert abs(change - step.supply(share).sum()) < 1e-13 * diffusion.volume.sum()
+    assert np.array_equal(step.coverage(1.0)[held], psi[held])
+
+
 fraction = st.floats(0.0, 1.0, allow_subnormal=False)
 
 
@@ -122,10 +146,13 @@ def test_coverage_stays_within_the_data(data):
     held = rng.uniform(size=psi.size) < data.draw(st.sampled_from([0.0, 0.1, 0.5]))
     values = {name: low + (high - low) * data.draw(fraction) for name in PRESCRIBED[prescribed]}
     steps = data.draw(st.integers(1, 30))
-    end, _ = march(diffusion, psi, values, held, diffusion.stable_step(held) if not held.all() else 1.0, steps)
-    # A convex combination per step, but for the rounding of its terms.
-    assert end.min() >= low - 1e-13
-    assert end.max() <= high + 1e-13
+    dt = diffusion.stable_step(held) if not held.all() else 1.0
+    end, _ = march(diffusion, psi, values, held, dt, steps)
+    inside = DiffusionStep(diffusion, psi, dt, held, diffusion.source(values)).coverage(data.draw(fraction))
+    # A convex combination per step and at any instant inside one, but for the rounding of its terms.
+    for found in (end, inside):
+        assert found.min() >= low - 1e-13
+        assert found.max() <= high + 1e-13
 
 
 _BUILT: dict[tuple[str, str, str], Diffusion] = {}
@@ -143,13 +170,9 @@ def test_threads_do_not_matter(kernel):
     diffusion = make_diffusion(kernel)
     psi, held = np.random.default_rng(2).uniform(size=COLUMNS * ROWS), np.zeros(COLUMNS * ROWS, bool)
     ends = []
-    before = numba.get_num_threads()
-    try:
-        for threads in (1, numba.config.NUMBA_NUM_THREADS):
-            numba.set_num_threads(threads)
-            ends.append(march(diffusion, psi, {"left": 1.0, "bottom": 0.5}, held, 100.0, 50))
-    finally:
-        numba.set_num_threads(before)
+    for threads in (1, numba.config.NUMBA_NUM_THREADS):
+        numba.set_num_threads(threads)
+        ends.append(march(diffusion, psi, {"left": 1.0, "bottom": 0.5}, held, 100.0, 50))
     # Every node gathers its own sum, in one order: the same to the last bit.
     assert all(np.array_equal(a, b) for a, b in zip(*ends, strict=True))
 
