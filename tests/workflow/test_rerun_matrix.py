@@ -66,7 +66,7 @@ CASES = {
         edit("workflow/rules/solve.smk", "threads:", "resources:\n        mem_mb=9,\n    threads:"),
         {},
     ),
-    "caption": (edit("workflow/report/picture.rst", "Drawn", "Made"), {"report": 1}),
+    "caption": (append("workflow/report/picture.rst", "More."), {"report": 1}),
     "sweep reordered": (edit(STUDY, "[5 mm, 10 mm]", "[10 mm, 5 mm]"), TABLE_ONLY),
     "sweep value removed": (edit(STUDY, "[5 mm, 10 mm]", "[5 mm]"), TABLE_ONLY),
     "sweep value added": (
