@@ -169,6 +169,40 @@ def history(arguments: argparse.Namespace) -> None:
         draw_history(arguments.result, _ready(arguments.out_png))
 
 
+def check(arguments: argparse.Namespace) -> None:
+    """Run one topic of the verification and write its table, figure and verdict."""
+    from pdhe.verification.topics import run_topic
+
+    report = run_topic(arguments.topic, _json(arguments.settings, "--settings"))
+    report.write(arguments.out)
+    print(f"{report.title}: {sum(row.passed for row in report.rows)} of {len(report.rows)} rows hold", file=sys.stderr)
+
+
+def page(arguments: argparse.Namespace) -> None:
+    """Gather topics of the verification on one page, as HTML and, for the documentation, as Markdown."""
+    from pdhe.verification.page import as_html, as_markdown, read_reports
+
+    reports = read_reports(arguments.folders)
+    _write(arguments.out, as_html(reports))
+    if arguments.docs:
+        figures_folder = arguments.docs / "verification"
+        figures_folder.mkdir(parents=True, exist_ok=True)
+        _write(arguments.docs / "verification.md", as_markdown(reports, "verification"))
+        for report in reports:
+            if report["figure"]:
+                (figures_folder / f"{report['topic']}.png").write_bytes(report["figure"].read_bytes())
+
+
+def verdict(arguments: argparse.Namespace) -> None:
+    """Fail, naming every comparison that does not hold, unless all topics of the verification pass."""
+    from pdhe.verification.page import failures, read_reports
+
+    failed = failures(read_reports(arguments.folders))
+    if failed:
+        raise PdheError("verification failed:\n  " + "\n  ".join(failed))
+    _write(arguments.out, "every comparison holds\n")
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="pdhe", description="Studies of hydrogen-assisted fracture.")
     parser.add_argument("--version", action="version", version=f"pdhe {_version()}")
@@ -215,6 +249,13 @@ def _parser() -> argparse.ArgumentParser:
         option("--solutions", type=Path, metavar="FOLDER", help="folder of the solutions, results/store/solve"),
         anywhere,
     )
+    folders = option("folders", nargs="+", type=Path, metavar="FOLDER", help="folder of a checked topic")
+    folder = option("--out", required=True, type=Path, metavar="FOLDER", help="folder to write into")
+    settings = option("--settings", default="{}", metavar="JSON", help="settings of the topic")
+    add(check, option("topic", metavar="TOPIC", help="topic of the verification"), settings, folder)
+    docs = option("--docs", type=Path, metavar="FOLDER", help="write verification.md and its figures here as well")
+    add(page, folders, file("--out", help="page to write"), docs)
+    add(verdict, folders, file("--out", help="file to write when all is well"))
     return parser
 
 

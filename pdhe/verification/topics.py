@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from importlib import import_module
+from inspect import signature
 from typing import Any
 
+from pdhe.errors import PdheError
 from pdhe.verification.report import Report
 
 #: Topic -> module that holds ``run(settings) -> Report``. A new topic is one line here.
@@ -24,5 +26,17 @@ TOPICS: dict[str, str] = {
 
 
 def run_topic(topic: str, settings: dict[str, Any] | None = None) -> Report:
-    """Run one topic; settings override the topic's own defaults."""
+    """Run one topic; settings override the topic's own defaults.
+
+    Raises
+    ------
+    PdheError
+        If there is no such topic, or it does not know one of the settings.
+    """
+    if topic not in TOPICS:
+        raise PdheError(f"no topic '{topic}'; there are {', '.join(TOPICS)}")
+    known = signature(import_module(TOPICS[topic]).run).parameters
+    for key in settings or {}:
+        if key not in known:
+            raise PdheError(f"topic '{topic}' has no setting '{key}'; it has {', '.join(known)}")
     return import_module(TOPICS[topic]).run(**(settings or {}))

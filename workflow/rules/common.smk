@@ -10,12 +10,15 @@ from pathlib import Path
 from pdhe.errors import PdheError
 from pdhe.provenance import canonical, digest, fingerprint
 from pdhe.study import load_studies
+from pdhe.verification.studies import load_checks
+from pdhe.verification.topics import TOPICS
 
 # Jobs find the programs of this environment, whether or not it is activated.
 shell.prefix(f"export PATH={Path(sys.executable).parent}:$PATH; ")
 
 try:
     STUDIES = {study.name: study for study in load_studies(config, workflow.configfiles)}
+    CHECKS = {check.topic: check for check in load_checks(config, workflow.configfiles)}
 except PdheError as error:
     sys.exit(f"error: {error}")
 
@@ -33,6 +36,8 @@ PICTURES = [
 ]
 INDEXES = [f"results/{study}/cases.csv" for study in STUDIES]
 
+REPORTS = [f"results/verification/{topic}/report.json" for topic in CHECKS]
+
 # A study that was given on the command line has a report of its own.
 REPORT = f"results/{next(iter(STUDIES))}/report.html" if "study" in config else "results/report.html"
 CAPTIONS = sorted(os.path.relpath(path) for path in Path(workflow.basedir, "workflow/report").glob("*.rst"))
@@ -47,6 +52,7 @@ if workflow.config_settings.config:
 
 
 wildcard_constraints:
+    topic="|".join(map(re.escape, CHECKS)),
     study="|".join(map(re.escape, STUDIES)),
     case="|".join(map(re.escape, dict.fromkeys(name for _, name in CASES))),
     kind="damage|displacement|coverage",
