@@ -36,7 +36,8 @@ def read_reports(folders: Sequence[str | Path]) -> list[dict[str, Any]]:
 def failures(reports: Sequence[dict[str, Any]]) -> list[str]:
     """One line for every row that does not hold."""
     return [
-        f"{report['topic']}: {row['what']}: expected {row['expected']:.6g}, measured {row['measured']:.6g} {row['unit']}"
+        f"{report['topic']}: {row['what']}: expected {row['expected']:.6g}, "
+        f"measured {row['measured']:.6g} {row['unit']}"
         for report in reports
         for row in report["rows"]
         if not row["passed"]

@@ -1,4 +1,4 @@
-"""Check files: which topics of the verification run, and with which settings. Light enough for the workflow to import."""
+"""Check files: which topics of the verification run, and with which settings; light enough for the workflow."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def load_checks(config: Mapping[str, Any], configfiles: Iterable[str | Path] = (
     Parameters
     ----------
     config
-        Key ``verification`` (list of check files), or ``check`` from a check file that was itself given as configuration.
+        Key ``verification`` (list of check files), or ``check`` from a check file that was given as configuration.
     configfiles
         Files the configuration came from.
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from importlib import import_module
 from inspect import signature
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pdhe.errors import PdheError
-from pdhe.verification.report import Report
+
+if TYPE_CHECKING:
+    from pdhe.verification.report import Report
 
 #: Topic -> module that holds ``run(settings) -> Report``. A new topic is one line here.
 TOPICS: dict[str, str] = {
