@@ -80,14 +80,19 @@ class Body:
         self.share = np.ones(n)
         self.inverse = np.zeros(n)
         self._spin = np.zeros((n, 2))
-        self._refresh_nodes()
+        self._phi = np.zeros(n)
+        self._refresh(np.arange(n, dtype=np.int32))
+        #: Sum of ``beta lambda V_i V_j r`` over the broken bonds, each once, m^7.
+        self.broken_weight = 0.5 * float(np.sum((bonds.weight * bonds.length)[bonds.cut]))
 
-    def _refresh_nodes(self) -> None:
+    def _refresh(self, nodes: np.ndarray) -> None:
+        """Bring what depends on the broken bonds of some nodes up to date."""
         b = self.bonds
         if self.model.condenses_rotation:
-            mechanics.rotation_weight(b.offsets, b.neighbours, self.coordinates, self.cubed, self.inverse)
+            mechanics.rotation_weight(nodes, b.offsets, b.neighbours, self.coordinates, self.cubed, self.inverse)
+        mechanics.damage(nodes, b.offsets, b.neighbours, self.volume, self.intact, self._phi)
         if self.tangential < 0.0:
-            self.share[:] = np.maximum(0.0, 1.0 - self.damage() / TANGENTIAL_FADE)
+            self.share[nodes] = np.maximum(0.0, 1.0 - self._phi[nodes] / TANGENTIAL_FADE)
 
     def break_bonds(self, directed: np.ndarray) -> None:
         """Break bonds for good, from both ends.
@@ -97,22 +102,29 @@ class Body:
         directed
             Indices of directed bonds; the reverse directions are found here.
         """
-        both = np.concatenate([directed, self.bonds.reverse[directed]])
+        directed = np.asarray(directed)
+        directed = directed[self.intact[directed]]
+        both = np.unique(np.concatenate([directed, self.bonds.reverse[directed]]))
+        self.broken_weight += 0.5 * float(np.sum((self.bonds.weight[both] * self.bonds.length[both])))
         self.intact[both] = False
         self.cubed[both] = 0.0
         if self._by_offset is not None:
             self._by_offset.reshape(-1)[self.bonds.lattice.slot[both]] = 0.0
-        self._refresh_nodes()
+        self._refresh(np.unique(self.bonds.neighbours[both]))
 
     def damage(self) -> np.ndarray:
         """Volume-weighted share of broken bonds, (n,); bonds cut by a pre-crack count as broken (theory, eq. 5.1)."""
-        phi = np.empty(self.bonds.node_count)
-        b = self.bonds
-        mechanics.damage(b.offsets, b.neighbours, self.volume, self.intact, phi)
-        return phi
+        return self._phi.copy()
 
     def _rotate(self, u: np.ndarray) -> np.ndarray:
         b, x = self.bonds, self.coordinates
+        if b.lattice is not None:
+            ux, uy = np.ascontiguousarray(u[:, 0]), np.ascontiguousarray(u[:, 1])
+            theta, turning = np.empty((2, ux.size))
+            grid, weight = b.lattice, self._by_offset
+            lattice.node_rotation(grid.step, grid.dx, grid.dy, weight, self.inverse, self.share, ux, uy, theta, turning)
+            self._spin[:, 0], self._spin[:, 1] = theta, turning
+            return self._spin
         mechanics.node_rotation(b.offsets, b.neighbours, x, self.cubed, self.inverse, self.share, u, self._spin)
         return self._spin
 

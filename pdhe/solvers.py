@@ -169,23 +169,20 @@ class Equilibrium:
             return u, force
         if self._preconditioner is None:
             self._build()
-        iterations = 0
-        z = self._preconditioner(residual)
-        direction = z.copy()
-        rz = dot(residual, z)
+        iterations, direction, rz = 0, np.zeros_like(u), 1.0
         while norm > self.tolerance * self.reference:
             if iterations == self.max_iterations or not np.isfinite(norm):
                 self._fail(residual, norm, iterations)
+            z = self._preconditioner(residual)
+            rz, previous = dot(residual, z), rz
+            direction *= rz / previous
+            direction += z
             change = self._force(direction)
             step = rz / -dot(direction, change * self.free)
             u += step * direction
             force += step * change
             residual = force * self.free
             norm = np.sqrt(dot(residual, residual))
-            z = self._preconditioner(residual)
-            rz, previous = dot(residual, z), rz
-            direction *= rz / previous
-            direction += z
             iterations += 1
         self.work.equilibrium_iterations += iterations
         self._raise_reference(force)

@@ -20,9 +20,10 @@ from pdhe.kernels.jit import kernel
 
 
 @kernel
-def rotation_weight(offsets, neighbours, x, cubed, inverse):
-    """Write ``1 / sum_j beta lambda V_i V_j r`` of each node into ``inverse``; zero where no bond is left."""
-    for i in prange(offsets.size - 1):
+def rotation_weight(nodes, offsets, neighbours, x, cubed, inverse):
+    """Write ``1 / sum_j beta lambda V_i V_j r`` of some nodes into ``inverse``; zero where no bond is left."""
+    for n in prange(nodes.size):
+        i = nodes[n]
         total = 0.0
         for k in range(offsets[i], offsets[i + 1]):
             j = neighbours[k]
@@ -129,9 +130,10 @@ def bond_load(offsets, neighbours, x, share, normal, tangential, by_energy, u, s
 
 
 @kernel
-def damage(offsets, neighbours, volume, intact, phi):
-    """Write the volume-weighted share of broken bonds of each node into ``phi``; zero for a node without a family."""
-    for i in prange(offsets.size - 1):
+def damage(nodes, offsets, neighbours, volume, intact, phi):
+    """Write the volume-weighted share of broken bonds of some nodes into ``phi``; zero for a node without a family."""
+    for n in prange(nodes.size):
+        i = nodes[n]
         whole = 0.0
         broken = 0.0
         for k in range(offsets[i], offsets[i + 1]):
