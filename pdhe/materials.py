@@ -105,7 +105,7 @@ class Body:
         directed = np.asarray(directed)
         directed = directed[self.intact[directed]]
         both = np.unique(np.concatenate([directed, self.bonds.reverse[directed]]))
-        self.broken_weight += 0.5 * float(np.sum((self.bonds.weight[both] * self.bonds.length[both])))
+        self.broken_weight += 0.5 * float(np.sum(self.bonds.weight[both] * self.bonds.length[both]))
         self.intact[both] = False
         self.cubed[both] = 0.0
         if self._by_offset is not None:
