@@ -4,6 +4,7 @@ import ast
 import importlib
 import itertools
 import re
+import textwrap
 from pathlib import Path
 
 import pytest
@@ -53,7 +54,8 @@ def cited(path: Path) -> set[str]:
 
 def blocks(path: Path, language: str) -> list[str]:
     """Fenced code blocks of a page in a language."""
-    return re.findall(rf"^ *```{language}\n(.*?)^ *```$", text(path), re.MULTILINE | re.DOTALL)
+    found = re.findall(rf"^ *```{language}\n(.*?)^ *```$", text(path), re.MULTILINE | re.DOTALL)
+    return [textwrap.dedent(block) for block in found]
 
 
 def prose(path: Path) -> str:
