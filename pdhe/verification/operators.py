@@ -83,9 +83,7 @@ def crack_damage(m: int, columns: int, rows: int, length: int) -> tuple[np.ndarr
     """Damage of the rows above a crack, in its middle; mean damage of the plate; and what the limit predicts for it."""
     plate = square_plate(columns, rows)
     middle = plate.height / 2
-    body = plate_body(
-        plate, m * 1e-3, weights="none", cracks=[((0.0, plate.height / 2), (length * 1e-3, plate.height / 2))]
-    )
+    body = plate_body(plate, m * 1e-3, weights="none", cracks=[((0.0, middle), (length * 1e-3, middle))])
     phi = body.damage()
     beside = phi.reshape(rows, columns)[rows // 2 :, length // 2][:m]
     predicted = 4.0 * m * length / (3.0 * np.pi * columns * rows)
@@ -101,8 +99,8 @@ def run(columns: int = 200, rows: int = 100, length: int = 100, ratios: tuple[in
         profiles[m] = beside
         for k, expected in enumerate(ROWS.get(m, ())):
             table.append(
-                Row(f"damage in row {k + 1} beside a crack, m = {m}", expected, float(beside[k]), 1e-12, "1", "relative",
-                    "counted on the lattice; round-off only")
+                Row(f"damage in row {k + 1} beside a crack, m = {m}", expected, float(beside[k]), 1e-12, "1",
+                    "relative", "counted on the lattice; round-off only")
             )  # fmt: skip
         why = "measured +1.0 %, +2.6 % and +1.2 % for m = 3, 5, 10: lattice against integral, and the tip"
         table.append(Row(f"mean damage of the plate, m = {m}", predicted, mean, 0.05, "1", "relative", why))

@@ -67,6 +67,21 @@ def square_plate(columns: int, rows: int, spacing: float = 1e-3, jitter: float =
     )  # fmt: skip
 
 
+def rotated_plate(columns: int, rows: int, spacing: float, degrees: float) -> Plate:
+    """Nodes of a turned square lattice that lie inside the plate; those within a spacing of an edge make up its set."""
+    reach = columns + rows
+    i, j = np.meshgrid(np.arange(-reach, reach) + 0.5, np.arange(-reach, reach) + 0.5)
+    cosine, sine = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
+    width, height = columns * spacing, rows * spacing
+    x = 0.5 * width + spacing * (cosine * i - sine * j).ravel()
+    y = 0.5 * height + spacing * (sine * i + cosine * j).ravel()
+    inside = (x >= 0.0) & (x < width) & (y >= 0.0) & (y < height)
+    x, y = x[inside], y[inside]
+    edges = (np.flatnonzero(near) for near in (y < spacing, y > height - spacing, x < spacing, x > width - spacing))
+    sizes = np.full(x.size, spacing)
+    return Plate(np.column_stack([x, y]), sizes**2 * THICKNESS, sizes, width, height, *edges)
+
+
 def triangle_plate(width: float, height: float, spacing: float) -> Plate:
     """Centroids of the triangles of a Gmsh mesh."""
     geometry = Geometry.model_validate(

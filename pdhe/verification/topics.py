@@ -16,6 +16,7 @@ TOPICS: dict[str, str] = {
     "operators": "pdhe.verification.operators",
     "moduli": "pdhe.verification.moduli",
     "compliance": "pdhe.verification.compliance",
+    "toughness": "pdhe.verification.toughness",
     "diffusion_slab": "pdhe.verification.diffusion_slab",
     "diffusion_operator": "pdhe.verification.diffusion_operator",
     "time_step": "pdhe.verification.time_step",
