@@ -18,6 +18,9 @@ SHORT_REACH = 1.6
 #: Relative diagonal shift of the coarse operator. Free fragments make it singular; the shift only bounds how much of a
 #: rigid motion the preconditioner may propose, it does not enter the equations that are solved.
 COARSE_SHIFT = 1e-9
+#: Unknowns up to which the coarse operator is factorised; beyond, one multigrid cycle stands for its inverse. The factor
+#: costs more than linearly; at this size both take about as long.
+FACTORISE_UP_TO = 60_000
 #: The coarse operator is rebuilt when a solve needs this many iterations more than the first one after a rebuild.
 REBUILD_AFTER = 6
 
@@ -44,11 +47,10 @@ class Preconditioner:
         modes[:, 0, 0] = modes[:, 1, 1] = 1.0
         modes[:, 0, 2], modes[:, 1, 2] = -centred[:, 1], centred[:, 0]
         modes = (modes * self.free[:, :, None]).reshape(2 * n, 3)
+        smooth = ("jacobi", {"weighting": "local"})  # the default would estimate a spectral radius from random vectors
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            hierarchy = pyamg.smoothed_aggregation_solver(
-                matrix, B=modes, smooth=("jacobi", {"weighting": "local"}), max_levels=2, max_coarse=50
-            )
+            hierarchy = pyamg.smoothed_aggregation_solver(matrix, B=modes, smooth=smooth, max_levels=2, max_coarse=50)
         if len(hierarchy.levels) == 1:
             self.prolongate, coarse = sp.identity(2 * n, format="csr"), matrix.tocsc()
         else:
@@ -56,12 +58,22 @@ class Preconditioner:
         self.restrict = self.prolongate.T.tocsr()
         scale = coarse.diagonal()
         shift = COARSE_SHIFT * float(scale.max(initial=0.0)) + np.where(scale > 0.0, 0.0, 1.0)
-        options = {"SymmetricMode": True}
-        self.coarse = splu((coarse + sp.diags(shift)).tocsc(), permc_spec="MMD_AT_PLUS_A", options=options)
+        coarse = (coarse + sp.diags(shift)).tocsc()
+        if coarse.shape[0] <= FACTORISE_UP_TO:
+            options = {"SymmetricMode": True}
+            self._solve_coarse = splu(coarse, permc_spec="MMD_AT_PLUS_A", options=options).solve
+        else:
+            blocks = coarse.tobsr((3, 3))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                cycle = pyamg.smoothed_aggregation_solver(
+                    blocks, B=hierarchy.levels[1].B, smooth=smooth, max_coarse=1000, coarse_solver="splu"
+                )
+            self._solve_coarse = cycle.aspreconditioner(cycle="V").matvec
 
     def __call__(self, residual: np.ndarray) -> np.ndarray:
         """Apply to a residual, N (n, 2); gives a displacement, m (n, 2)."""
-        coarse = self.coarse.solve(self.restrict @ residual.reshape(-1))
+        coarse = self._solve_coarse(self.restrict @ residual.reshape(-1))
         return ((self.prolongate @ coarse).reshape(residual.shape) + self.inverse_diagonal * residual) * self.free
 
 
