@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pdhe.bonds import distance_to_segment
 from pdhe.case import EDGES, Case
 from pdhe.damage import Candidates
 from pdhe.results import Recorder
@@ -231,10 +232,3 @@ def break_bonds(case: Case, state: State, candidates: Candidates, chosen, fracti
         if away.max() > state.crack_extension:
             state.crack_extension = float(away.max())
             state.crack_tip = middle[int(away.argmax())]
-
-
-def distance_to_segment(points: np.ndarray, start, end) -> np.ndarray:
-    """Distance of points (k, 2) from a segment, m (k,)."""
-    start, along = np.asarray(start), np.subtract(end, start)
-    t = np.clip((points - start) @ along / float(along @ along), 0.0, 1.0)
-    return np.hypot(*(points - (start + t[:, None] * along)).T)

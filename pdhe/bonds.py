@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdhe.errors import PdheError
+from pdhe.kernels import moments
 from pdhe.kernels.families import find_families, reverse_bonds
+from pdhe.kernels.jit import as_float
 
 #: Corrections are confined to this range: a handful of bonds in corners would otherwise reach +-20 (theory, eq. 3.3).
 WEIGHT_LIMITS = (0.2, 5.0)
@@ -24,32 +26,54 @@ class Lattice:
         Nodes to the neighbour, int64 (o,).
     dx, dy
         Bond vector of each offset, m (o,).
-    slot
-        Place of each directed bond in an array of shape (o, n), flattened, int64 (b,).
+    offset
+        Offset of each directed bond, int16 (b,).
     """
 
     step: np.ndarray
     dx: np.ndarray
     dy: np.ndarray
-    slot: np.ndarray
+    offset: np.ndarray
     node_count: int
 
-    def arrange(self, values: np.ndarray) -> np.ndarray:
+    def arrange(self, values: np.ndarray, owner: np.ndarray) -> np.ndarray:
         """Arrange a bond quantity by offset, (b,) to (o, n); zero where there is no bond."""
         result = np.zeros((self.step.size, self.node_count))
-        result.reshape(-1)[self.slot] = values
+        result[self.offset, owner] = values
         return result
 
 
-def find_lattice(owner: np.ndarray, neighbours: np.ndarray, vector: np.ndarray, count: int) -> Lattice | None:
+def find_lattice(
+    offsets: np.ndarray,
+    neighbours: np.ndarray,
+    owner: np.ndarray,
+    length: np.ndarray,
+    nx: np.ndarray,
+    ny: np.ndarray,
+) -> Lattice | None:
     """Recognise a regular grid: every step in the node numbering belongs to one bond vector. None if it is not one."""
-    steps, offset = np.unique(neighbours.astype(np.int64) - owner, return_inverse=True)
-    if steps.size == 0 or steps.size > 4.0 * owner.size / max(count, 1) + 64:
+    count = offsets.size - 1
+    if neighbours.size == 0:
         return None
-    mean = np.stack([np.bincount(offset, vector[:, a]) / np.bincount(offset) for a in (0, 1)], axis=1)
-    if np.abs(vector - mean[offset]).max() > 1e-9 * np.abs(vector).max():
+    # The fullest family has every offset there is; what it lacks makes the search below fail.
+    fullest = int(np.argmax(np.diff(offsets)))
+    row = slice(int(offsets[fullest]), int(offsets[fullest + 1]))
+    step = neighbours[row].astype(np.int64) - fullest
+    dx, dy = length[row] * nx[row], length[row] * ny[row]
+    reach = int(np.abs(step).max())
+    table = np.full(2 * reach + 1, -1, np.int16)
+    table[step + reach] = np.arange(step.size)
+    jump = neighbours - owner
+    if np.abs(jump).max() > reach:
         return None
-    return Lattice(steps, mean[:, 0].copy(), mean[:, 1].copy(), offset.astype(np.int64) * count + owner, count)
+    offset = table[jump + reach]
+    tolerance = 1e-9 * float(length.max())
+    if offset.min() < 0:
+        return None
+    for component, vector in ((nx, dx), (ny, dy)):
+        if np.abs(length * component - vector[offset]).max() > tolerance:
+            return None
+    return Lattice(step, dx, dy, offset, count)
 
 
 @dataclass(frozen=True)
@@ -162,8 +186,8 @@ def build_bonds(
     reach = horizon + (0.5 * spacing if partial == "ramp" else 0.0 * spacing)
     offsets, neighbours = find_families(coordinates, reach * (1 + 1e-9))
     owner = np.repeat(np.arange(offsets.size - 1, dtype=np.int32), np.diff(offsets))
-    vector = coordinates[neighbours] - coordinates[owner]
-    length = np.hypot(vector[:, 0], vector[:, 1])
+    length, nx, ny = np.empty((3, neighbours.size))
+    moments.bond_geometry(offsets, neighbours, as_float(coordinates), length, nx, ny)
     if length.size and length.min() <= 1e-9 * horizon:
         k = int(length.argmin())
         raise PdheError(f"nodes {owner[k]} and {neighbours[k]} coincide at {coordinates[owner[k]].tolist()} m")
@@ -173,8 +197,7 @@ def build_bonds(
         count = np.bincount(owner[kept], minlength=offsets.size - 1)
         offsets = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
         owner, neighbours = owner[kept], neighbours[kept]
-        length, vector, share = length[kept], vector[kept], share[kept]
-    nx, ny = vector[:, 0] / length, vector[:, 1] / length
+        length, nx, ny, share = length[kept], nx[kept], ny[kept], share[kept]
     reverse = np.empty(neighbours.size, np.int32)
     reverse_bonds(offsets, neighbours, reverse)
     volumes = share * volume[neighbours]  # seen from the owner
@@ -190,8 +213,8 @@ def build_bonds(
         correction = np.ones(length.size)
     correction = np.clip(0.5 * (correction + correction[reverse]), *WEIGHT_LIMITS)
     weight = share * correction * volume[owner] * volume[neighbours]
-    cut = crossed_by(coordinates[owner], coordinates[neighbours], cracks)
-    lattice = find_lattice(owner, neighbours, vector, offsets.size - 1)
+    cut = _cut_bonds(coordinates, owner, neighbours, cracks, float(length.max(initial=0.0)))
+    lattice = find_lattice(offsets, neighbours, owner, length, nx, ny)
     return Bonds(offsets, neighbours, reverse, length, nx, ny, weight, cut, horizon, lattice)
 
 
@@ -202,21 +225,20 @@ def moment_correction(offsets, length, nx, ny, volumes, horizon, thickness, orde
     the full disc``. Order 4 makes the elasticity tensor of any affine deformation exact at every node, surface nodes
     included. A node whose bonds cannot bear the constraints (a row of nodes) gets the least-squares closest.
     """
-    powers = [nx ** (order - k) * ny**k for k in range(order + 1)]
-    w = volumes * length
-    pairs = [_row_sums(w * nx ** (2 * order - k) * ny**k, offsets) for k in range(2 * order + 1)]
-    matrix = np.empty((offsets.size - 1, order + 1, order + 1))
-    target = np.empty((offsets.size - 1, order + 1))
     angular = {2: (0.5, 0.0, 0.5), 4: (3 / 8, 0.0, 1 / 8, 0.0, 3 / 8)}[order]
-    full = thickness * 2.0 * np.pi * horizon**3 / 3.0
-    for a in range(order + 1):
-        target[:, a] = full * angular[a] - _row_sums(w * powers[a], offsets)
-        for b in range(order + 1):
-            matrix[:, a, b] = pairs[a + b]
-    # Rows of nodes make the matrix singular; the pseudo-inverse then meets the constraints that can be met.
-    multiplier = np.einsum("nab,nb->na", np.linalg.pinv(matrix, rcond=1e-10, hermitian=True), target)
-    owner = np.repeat(np.arange(offsets.size - 1), np.diff(offsets))
-    return 1.0 + sum(multiplier[owner, a] * powers[a] for a in range(order + 1))
+    target = thickness * 2.0 * np.pi * horizon**3 / 3.0 * np.array(angular)
+    count, size = offsets.size - 1, order + 1
+    multiplier, moment = np.empty((count, size)), np.empty((count, 2 * size - 1))
+    solved, correction = np.empty(count, bool), np.empty(length.size)
+    moments.match_moments(offsets, length, nx, ny, volumes, target, moment, multiplier, solved)
+    # Where the constraints cannot all be met (rows of nodes), the pseudo-inverse meets those that can.
+    poor = np.flatnonzero(~solved)
+    if poor.size:
+        index = np.arange(size)
+        inverse = np.linalg.pinv(moment[poor][:, index[:, None] + index], rcond=1e-10, hermitian=True)
+        multiplier[poor] = np.einsum("nab,nb->na", inverse, multiplier[poor])
+    moments.apply_multipliers(offsets, nx, ny, multiplier, correction)
+    return correction
 
 
 def volume_correction(offsets, owner, neighbours, volumes, horizon, thickness) -> np.ndarray:
@@ -238,6 +260,24 @@ def energy_correction(offsets, owner, neighbours, length, nx, ny, volumes, horiz
         factors.append(exact / np.maximum(energy, np.finfo(float).tiny))
     gx, gy = (0.5 * (g[owner] + g[neighbours]) for g in factors)
     return 1.0 / np.sqrt((nx / gx) ** 2 + (ny / gy) ** 2)
+
+
+def _cut_bonds(coordinates, owner, neighbours, cracks, reach) -> np.ndarray:
+    """Tell which bonds a crack cuts; only bonds of nodes within reach of a crack are looked at."""
+    near = np.zeros(coordinates.shape[0], bool)
+    for start, end in cracks:
+        near |= distance_to_segment(coordinates, start, end) <= reach * (1 + 1e-9)
+    rows = np.flatnonzero(near[owner] & near[neighbours])
+    cut = np.zeros(owner.size, bool)
+    cut[rows] = crossed_by(coordinates[owner[rows]], coordinates[neighbours[rows]], cracks)
+    return cut
+
+
+def distance_to_segment(points: np.ndarray, start: Sequence[float], end: Sequence[float]) -> np.ndarray:
+    """Distance of points (k, 2) from a segment, m (k,)."""
+    first, along = np.asarray(start, float), np.subtract(end, start)
+    t = np.clip((points - first) @ along / float(along @ along), 0.0, 1.0)
+    return np.hypot(*(points - (first + t[:, None] * along)).T)
 
 
 def crossed_by(start: np.ndarray, end: np.ndarray, cracks: Sequence) -> np.ndarray:

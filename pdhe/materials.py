@@ -73,7 +73,7 @@ class Body:
         self.coordinates = as_float(coordinates, (bonds.node_count, 2))
         self.intact = ~bonds.cut
         self.cubed = np.where(self.intact, bonds.weight / bonds.length**3, 0.0)
-        self._by_offset = None if bonds.lattice is None else bonds.lattice.arrange(self.cubed)
+        self._by_offset = None if bonds.lattice is None else bonds.lattice.arrange(self.cubed, bonds.owners())
         n = bonds.node_count
         self.normal = model.normal
         self.tangential = model.normal * model.tangential_ratio
@@ -109,7 +109,7 @@ class Body:
         self.intact[both] = False
         self.cubed[both] = 0.0
         if self._by_offset is not None:
-            self._by_offset.reshape(-1)[self.bonds.lattice.slot[both]] = 0.0
+            self._by_offset[self.bonds.lattice.offset[both], self.bonds.neighbours[self.bonds.reverse[both]]] = 0.0
         self._refresh(np.unique(self.bonds.neighbours[both]))
 
     def damage(self) -> np.ndarray:

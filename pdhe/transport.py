@@ -75,7 +75,7 @@ class Diffusion:
 
     @cached_property
     def _by_offset(self) -> np.ndarray:
-        return self.bonds.lattice.arrange(self.rate)
+        return self.bonds.lattice.arrange(self.rate, self.bonds.owners())
 
     @cached_property
     def _sink(self) -> np.ndarray:
