@@ -17,6 +17,7 @@ TOPICS: dict[str, str] = {
     "moduli": "pdhe.verification.moduli",
     "compliance": "pdhe.verification.compliance",
     "toughness": "pdhe.verification.toughness",
+    "external_mechanics": "pdhe.verification.external_mechanics",
     "diffusion_slab": "pdhe.verification.diffusion_slab",
     "diffusion_operator": "pdhe.verification.diffusion_operator",
     "time_step": "pdhe.verification.time_step",
