@@ -26,6 +26,7 @@ TOPICS: dict[str, str] = {
     "permeation": "pdhe.verification.permeation",
     "embrittlement": "pdhe.verification.embrittlement",
     "saturation_time": "pdhe.verification.saturation_time",
+    "bond_failure": "pdhe.verification.bond_failure",
 }
 
 
