@@ -14,6 +14,7 @@ from pdhe.case import Case, build_case
 from pdhe.damage import Candidates
 from pdhe.discretization import Discretization
 from pdhe.errors import SimulationError
+from pdhe.kernels import threads_for
 from pdhe.plan import make_plan
 from pdhe.provenance import digest, fingerprint, versions
 from pdhe.results import Recorder, write_dataset
@@ -56,7 +57,12 @@ def simulate(case: Case, progress: Progress | None = None) -> xr.Dataset:
 
     Bonds break in the case itself: build a new one for another run.
     """
-    state, recorder, log = start(case), Recorder(), progress or (lambda text: None)
+    with threads_for(case.bonds.length.size):
+        return _simulate(case, progress or (lambda text: None))
+
+
+def _simulate(case: Case, log: Progress) -> xr.Dataset:
+    state, recorder = start(case), Recorder()
     record(case, state, recorder, snapshot=True)
     step = _step_events if case.scene.stepping.mode == "events" else _step_fixed
     runaways: list[str] = []

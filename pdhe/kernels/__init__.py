@@ -5,6 +5,6 @@ the file in which a kernel is written. Kernels gather: a node sums its own famil
 nothing races and the sums come out the same to the bit on any number of threads.
 """
 
-from pdhe.kernels.jit import as_float, as_index, thread_count
+from pdhe.kernels.jit import as_float, threads_for
 
-__all__ = ["as_float", "as_index", "thread_count"]
+__all__ = ["as_float", "threads_for"]
