@@ -13,10 +13,13 @@ from pdhe.discretization import Discretization
 from pdhe.embrittlement import LAWS, resistance
 from pdhe.errors import SceneError
 from pdhe.materials import MODELS, Body
+from pdhe.relaxation import DynamicRelaxation
 from pdhe.scene import Scene
 from pdhe.solvers import Equilibrium
 from pdhe.transport import Diffusion, Edge, build_diffusion
 
+#: Equilibrium solvers by the name that scenes use.
+SOLVERS = {"conjugate gradients": Equilibrium, "dynamic relaxation": DynamicRelaxation}
 EDGES = ("left", "right", "bottom", "top")
 
 
@@ -91,7 +94,7 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
             (scene.geometry.width, scene.geometry.height),
         )
         body = Body(bonds, model, d.coordinates, d.volume)
-        equilibrium = Equilibrium(
+        equilibrium = SOLVERS[scene.solver.method](
             body, conditions.fixed, d.coordinates, d.spacing, scene.solver.tolerance, scene.solver.max_iterations
         )
         if scene.damage is not None:

@@ -47,7 +47,7 @@ def _mechanics(case: Case) -> str:
     cut = int(case.bonds.cut.sum()) // 2
     return (
         f"mechanics: on, {case.scene.mechanics.model}, weights {case.scene.mechanics.weights}, "
-        f"{cut} bonds cut by pre-cracks, equilibrium to {case.equilibrium.tolerance:g}"
+        f"{cut} bonds cut by pre-cracks, equilibrium by {case.scene.solver.method} to {case.equilibrium.tolerance:g}"
     )
 
 

@@ -217,8 +217,9 @@ class Stepping(Block):
 
 
 class Solver(Block):
-    """Relative residual at which an equilibrium counts as found, and the most iterations to get there."""
+    """How an equilibrium is found: method, relative residual at which it counts as found, and most iterations."""
 
+    method: Annotated[str, choice("conjugate gradients", "dynamic relaxation")] = "conjugate gradients"
     tolerance: fields.Tolerance = 1e-6
     max_iterations: fields.Count = 5000
 

@@ -18,7 +18,7 @@ SHORT_REACH = 1.6
 #: Relative diagonal shift of the coarse operator. Free fragments make it singular; the shift only bounds how much of a
 #: rigid motion the preconditioner may propose, it does not enter the equations that are solved.
 COARSE_SHIFT = 1e-9
-#: Unknowns up to which the coarse operator is factorised; beyond, one multigrid cycle stands for its inverse. The factor
+#: Unknowns up to which the coarse operator is factorised; beyond, one multigrid cycle stands for its inverse. A factor
 #: costs more than linearly; at this size both take about as long.
 FACTORISE_UP_TO = 60_000
 #: The coarse operator is rebuilt when a solve needs this many iterations more than the first one after a rebuild.

@@ -10,7 +10,10 @@ from pdhe.mesh import make_mesh
 from pdhe.scene import load_scene
 from pdhe.simulation import simulate
 
-SCENES = {"regular": {"time.end": "6e6 s", "outputs.count": 4}, "triangles": {"mesh.cells": "triangle", "time.end": "4e6 s", "outputs.count": 4}}
+SCENES = {
+    "regular": {"time.end": "6e6 s", "outputs.count": 4},
+    "triangles": {"mesh.cells": "triangle", "time.end": "4e6 s", "outputs.count": 4},
+}
 
 
 @pytest.mark.parametrize("name", SCENES)
