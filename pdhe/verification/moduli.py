@@ -52,7 +52,7 @@ def bulk_moduli(body: Body, plate: Plate) -> dict[str, Any]:
     axial, lateral = slope(y[c], u[c, 1]), slope(x[c], u[c, 0])
     middle = np.array([0.5 * plate.width, 0.5 * plate.height])
     exact = (plate.coordinates - middle) * [-POISSON * STRESS / YOUNG, STRESS / YOUNG]
-    u = u - u.mean(axis=0) + exact.mean(axis=0)
+    u = _without_rigid_motion(u - exact, plate) + exact
     return {
         "E": STRESS / axial / YOUNG,
         "nu": -lateral / axial,
@@ -60,6 +60,14 @@ def bulk_moduli(body: Body, plate: Plate) -> dict[str, Any]:
         "error": float(np.sqrt(np.sum((u - exact) ** 2) / np.sum(exact**2))),
         "u": u,
     }
+
+
+def _without_rigid_motion(u: np.ndarray, plate: Plate) -> np.ndarray:
+    """Displacements less their best translation and rotation: a free plate has none of its own."""
+    centred = plate.coordinates - plate.coordinates.mean(axis=0)
+    u = u - u.mean(axis=0)
+    turn = np.column_stack([-centred[:, 1], centred[:, 0]])
+    return u - turn * (np.vdot(turn, u) / np.vdot(turn, turn))
 
 
 def bulk_shear(body: Body, plate: Plate) -> float:

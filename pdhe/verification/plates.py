@@ -164,31 +164,40 @@ def edge_traction(plate: Plate, normal: float = 0.0, shear: float = 0.0) -> np.n
     return load
 
 
-def loaded(body: Body, plate: Plate, load: np.ndarray) -> np.ndarray:
-    """Displacements of a free plate under forces that balance each other, m (n, 2).
+def loaded(
+    body: Body,
+    plate: Plate,
+    load: np.ndarray,
+    fixed: np.ndarray | None = None,
+    prescribed: np.ndarray | None = None,
+) -> np.ndarray:
+    """Displacements of a plate under forces on its nodes, N (n, 2), and prescribed values where ``fixed``, m (n, 2).
 
-    Three degrees of freedom near the middle are held, which takes no force.
+    Without ``fixed`` the plate is free and the forces must balance: three degrees of freedom near the middle are held,
+    which takes no force.
     """
-    middle = np.array([0.5 * plate.width, 0.5 * plate.height])
-    first, second = (
-        np.argmin(np.hypot(*(plate.coordinates - middle - offset).T)) for offset in ((0, 0), (0.25 * plate.width, 0))
-    )
-    fixed = np.zeros(load.shape, bool)
-    fixed[first], fixed[second, 1] = True, True
-    free = (~fixed).astype(float)
+    if fixed is None:
+        middle = np.array([0.5 * plate.width, 0.5 * plate.height])
+        first, second = (
+            np.argmin(np.hypot(*(plate.coordinates - middle - [offset, 0.0]).T)) for offset in (0.0, 0.25 * plate.width)
+        )
+        fixed = np.zeros(load.shape, bool)
+        fixed[first], fixed[second, 1] = True, True
+    shape, free = load.shape, (~fixed).astype(float)
+    values = np.zeros(shape) if prescribed is None else prescribed * fixed
     coarse = Preconditioner(body, ~fixed, plate.coordinates, plate.spacing)
 
     def stiffness(v: np.ndarray) -> np.ndarray:
-        v = v.reshape(load.shape)
+        v = v.reshape(shape)
         return (-body.force(v * free) * free + fixed * v).ravel()
 
-    shape = (load.size, load.size)
-    operator = LinearOperator(shape, matvec=stiffness, dtype=float)
-    inverse = LinearOperator(shape, matvec=lambda v: coarse(v.reshape(load.shape)).ravel(), dtype=float)
-    u, failed = cg(operator, (load * free).ravel(), rtol=1e-9, maxiter=2000, M=inverse)
+    operator = LinearOperator((load.size, load.size), matvec=stiffness, dtype=float)
+    inverse = LinearOperator((load.size, load.size), matvec=lambda v: coarse(v.reshape(shape)).ravel(), dtype=float)
+    right = ((load + body.force(values)) * free).ravel()
+    u, failed = cg(operator, right, rtol=1e-9, maxiter=2000, M=inverse)
     if failed:
         raise SimulationError(f"equilibrium under forces not reached in {failed} iterations")
-    return u.reshape(load.shape)
+    return np.where(fixed, values, u.reshape(shape))
 
 
 def slope(x: np.ndarray, values: np.ndarray) -> float:

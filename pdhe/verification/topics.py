@@ -16,6 +16,7 @@ TOPICS: dict[str, str] = {
     "operators": "pdhe.verification.operators",
     "moduli": "pdhe.verification.moduli",
     "compliance": "pdhe.verification.compliance",
+    "convergence_mechanics": "pdhe.verification.convergence_mechanics",
     "toughness": "pdhe.verification.toughness",
     "external_mechanics": "pdhe.verification.external_mechanics",
     "diffusion_slab": "pdhe.verification.diffusion_slab",
