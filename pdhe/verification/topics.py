@@ -27,6 +27,7 @@ TOPICS: dict[str, str] = {
     "permeation": "pdhe.verification.permeation",
     "embrittlement": "pdhe.verification.embrittlement",
     "saturation_time": "pdhe.verification.saturation_time",
+    "pair": "pdhe.verification.pair",
     "bond_failure": "pdhe.verification.bond_failure",
     "crack_path_mode_i": "pdhe.verification.crack_path_mode_i",
 }
