@@ -19,6 +19,8 @@ MAX_NODES = 5_000_000
 """Most nodes of one scene."""
 MIN_HORIZON_RATIO = 1.2
 """Smallest horizon in units of the spacing at which every node keeps its four nearest neighbours on a rough mesh."""
+SHARING_DISTANCE = 1.5
+"""Distance in spacings from which two lines cannot share a node: either set reaches at most 0.75 spacings."""
 RESERVED = ("left", "right", "bottom", "top", "all")
 """Node set names that every plate has."""
 
@@ -225,7 +227,7 @@ def _touch(scene: "Scene", on1: str, on2: str) -> bool:
     if on1 in RESERVED and on2 in RESERVED:
         return {on1, on2} not in ({"left", "right"}, {"bottom", "top"})
     distance = _segment_distance(line1, line2)
-    return distance - radius1 - radius2 < scene.mesh.spacing
+    return distance - radius1 - radius2 < SHARING_DISTANCE * scene.mesh.spacing * (1.0 + 1e-9)
 
 
 def _line(scene: "Scene", name: str) -> tuple[Segment, float]:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 #: Topic -> module that holds ``run(settings) -> Report``. A new topic is one line here.
 TOPICS: dict[str, str] = {
     "operators": "pdhe.verification.operators",
+    "boundary": "pdhe.verification.boundary",
     "moduli": "pdhe.verification.moduli",
     "compliance": "pdhe.verification.compliance",
     "convergence_mechanics": "pdhe.verification.convergence_mechanics",
