@@ -12,6 +12,7 @@ from pdhe.case import EDGES, Case
 from pdhe.damage import Candidates
 from pdhe.results import Recorder
 from pdhe.state import State
+from pdhe.supersteps import SuperStepper
 from pdhe.transport import STEP_SAFETY, DiffusionStep
 
 #: Bonds this close to the most critical one break with it. Mirror-image bonds differ by the solver's tolerance only;
@@ -136,6 +137,13 @@ def _diffuse_until(
     diffusion, hydrogen = case.diffusion, case.scene.hydrogen
     edges = [c for c in hydrogen.boundary if c.on in EDGES]
     steady = not any(len(set(c.coverage.values)) > 1 for c in hydrogen.boundary)
+    if candidates is not None and motion.moving:
+        # Loads are convex in time: below the least resistance at both ends, below it in between.
+        ends = candidates.load(motion.fraction(state.time)), candidates.load(motion.fraction(until))
+        if np.maximum(*ends).max() < candidates.rule.weakest:
+            candidates = None
+    if steady and candidates is None:
+        _diffuse_far(case, state, until)
     limit = STEP_SAFETY * diffusion.stable_step(state.held)
     allowed = limit
     while state.time < until:
@@ -160,9 +168,31 @@ def _diffuse_until(
             hold_prescribed_coverage(case, state)
         if share is not None:
             return True
-        if steady and step.still and not (motion is not None and motion.moving):
-            state.time = until
     return False
+
+
+def _diffuse_far(case: Case, state: State, until: float) -> None:
+    """Go on with long steps while they pay: nothing can break, and nothing prescribed changes."""
+    diffusion, span = case.diffusion, until - state.time
+    source = diffusion.source({c.on: c.coverage(state.time) for c in case.scene.hydrogen.boundary if c.on in EDGES})
+    stepper = SuperStepper(diffusion, state.held, source)
+    if span < stepper.shortest:
+        return
+    state.coverage, entered, state.long_step = stepper.advance(state.coverage, span, state.long_step)
+    state.supply += entered
+    state.diffusion_sweeps += stepper.sweeps
+    state.time = until
+
+
+def substep(case: Case, state: State, until: float) -> None:
+    """One forward Euler step up to ``until``, as fixed stepping asks for."""
+    diffusion, edges = case.diffusion, [c for c in case.scene.hydrogen.boundary if c.on in EDGES]
+    source = diffusion.source({c.on: c.coverage(state.time) for c in edges})
+    new = np.empty_like(state.coverage)
+    diffusion.step(state.coverage, until - state.time, state.held, source, new, state.supply)
+    state.coverage, state.time = new, until
+    state.diffusion_sweeps += 1
+    hold_prescribed_coverage(case, state)
 
 
 def _share_until_failure(

@@ -128,7 +128,7 @@ def _step_fixed(case: Case, state: State, recorder: Recorder, log: Progress, run
         if case.diffusion is not None:
             begin = state.time
             for sub in range(1, stepping.diffusion_substeps + 1):
-                moves.advance(case, state, begin + (t - begin) * sub / stepping.diffusion_substeps, None, None)
+                moves.substep(case, state, begin + (t - begin) * sub / stepping.diffusion_substeps)
         state.time = t
         failed = 0
         if case.equilibrium is not None:

@@ -25,6 +25,8 @@ class State:
         Held nodes that became so by damage, bool (n,).
     supply
         Hydrogen that entered through each node, m^3 (n,).
+    long_step
+        Length that the next long diffusion step should try, s.
     """
 
     time: float = 0.0
@@ -34,6 +36,7 @@ class State:
     held: np.ndarray | None = None
     saturated: np.ndarray | None = None
     supply: np.ndarray | None = None
+    long_step: float = 0.0
     external_work: float = 0.0
     fracture_energy: float = 0.0
     broken_bonds: int = 0

@@ -55,7 +55,7 @@ def lattice_offsets(ratio: float) -> np.ndarray:
 
 
 def lattice_rate(power: int, ratio: float, wave: float) -> float:
-    """Decay rate over D/spacing^2 of the mode cos(wave x/spacing), from the sum over one family (theory, eq. 4.9)."""
+    """Decay rate over D/spacing^2 of the mode cos(wave x/spacing), from the sum over one family (theory, eq. 4.12)."""
     offsets = lattice_offsets(ratio)
     distance = np.hypot(*offsets.T)
     value = 4.0 / np.sum(distance ** (2 - power)) / distance**power

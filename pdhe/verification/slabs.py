@@ -107,7 +107,7 @@ def coverage_at(case: Case, time: float) -> np.ndarray:
 def slab(place: np.ndarray, tau: float, terms: int = TERMS, decay=None) -> np.ndarray:
     """Coverage of a slab with coverage 1 at ``place = x/L = 0``, sealed at 1, empty at first, at ``tau = D t / L^2``.
 
-    The series of theory, eq. 4.10. ``decay`` replaces the rate a^2 of the mode sin(a x/L) of local diffusion.
+    The series of theory, eq. 4.13. ``decay`` replaces the rate a^2 of the mode sin(a x/L) of local diffusion.
     """
     a = (np.arange(terms) + 0.5) * math.pi
     rate = a**2 if decay is None else decay(a)
@@ -115,7 +115,7 @@ def slab(place: np.ndarray, tau: float, terms: int = TERMS, decay=None) -> np.nd
 
 
 def slab_mean(tau: float, terms: int = TERMS) -> float:
-    """Mean coverage of that slab (theory, eq. 4.11)."""
+    """Mean coverage of that slab (theory, eq. 4.14)."""
     a = (np.arange(terms) + 0.5) * math.pi
     return float(1.0 - np.sum(2.0 / a**2 * np.exp(-(a**2) * tau)))
 
@@ -131,7 +131,7 @@ def rms(values: np.ndarray, volume: np.ndarray) -> float:
 
 
 def symbol(power: int, wave: float) -> float:
-    """Decay rate over D k^2 of a mode with ``wave = k delta`` in the nonlocal continuum (theory, eq. 4.8)."""
+    """Decay rate over D k^2 of a mode with ``wave = k delta`` in the nonlocal continuum (theory, eq. 4.11)."""
     factor = 4.0 * (4 - power)
     integral, _ = quad(lambda s: (1.0 - j0(wave * s)) * s ** (1 - power), 0.0, 1.0, limit=200)
     return factor * integral / wave**2

@@ -1,0 +1,92 @@
+"""Long diffusion steps: order, bounds, balance, and what they save."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pdhe import supersteps
+from pdhe.bonds import build_bonds
+from pdhe.supersteps import SuperStepper
+from pdhe.transport import DiffusionStep, Edge, build_diffusion
+from tests.lattices import THICKNESS, lattice
+
+COLUMNS, ROWS, SPACING, DIFFUSIVITY = 24, 8, 1e-3, 1e-9
+
+
+@pytest.fixture(scope="module")
+def slab():
+    x = lattice(COLUMNS, ROWS, SPACING)
+    volume, spacing = np.full(len(x), SPACING**2 * THICKNESS), np.full(len(x), SPACING)
+    bonds = build_bonds(x, volume, spacing, THICKNESS, 3.015 * SPACING, surface="none")
+    edges = {"left": Edge(0, 0.0), "right": Edge(0, COLUMNS * SPACING)}
+    edges |= {"bottom": Edge(1, 0.0), "top": Edge(1, ROWS * SPACING)}
+    return build_diffusion(bonds, x, volume, spacing, THICKNESS, DIFFUSIVITY, "inverse square", "full", edges, {"left"})
+
+
+def short_steps(slab, psi, span, held, source):
+    count = int(np.ceil(4 * span / slab.stable_step(held)))
+    for _ in range(count):
+        psi = DiffusionStep(slab, psi, span / count, held, source).coverage(1.0)
+    return psi, DiffusionStep.sweeps * count
+
+
+def test_second_order_in_time(slab):
+    held, source = np.zeros(slab.volume.size, bool), slab.source({"left": 1.0})
+    # A smooth start: short waves of a jump would be damped at their own, lower order.
+    psi = short_steps(slab, np.zeros(slab.volume.size), 2e4, held, source)[0]
+    span = 200 * slab.stable_step(held)
+    exact, _ = short_steps(slab, psi, span, held, source)
+    stepper, errors, counts = SuperStepper(slab, held, source), [], (8, 16, 32)
+    for count in counts:
+        here = psi
+        for _ in range(count):
+            here, _ = stepper._stages(here, *stepper._rates(here), span / count)
+        errors.append(np.abs(here - exact).max())
+    orders = np.diff(np.log(errors)) / np.diff(np.log(counts))
+    assert errors[0] > 1e-7
+    assert np.all((orders < -1.8) & (orders > -2.6)), orders
+
+
+def test_accurate_at_a_fraction_of_the_sweeps(slab):
+    held, source = np.zeros(slab.volume.size, bool), slab.source({"left": 1.0})
+    span = 2000 * slab.stable_step(held)
+    stepper = SuperStepper(slab, held, source)
+    psi, supply, _ = stepper.advance(np.zeros(slab.volume.size), span, 0.0)
+    exact, sweeps = short_steps(slab, np.zeros(slab.volume.size), span, held, source)
+    assert psi.max() > 0.5
+    assert np.abs(psi - exact).max() < 3 * supersteps.TOLERANCE  # measured 0.8 of it
+    assert stepper.sweeps < sweeps / 20
+    content = float(psi @ slab.volume)
+    assert float(supply.sum()) == pytest.approx(content, rel=1e-10)  # measured 3e-12
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 10**6),
+    edge=st.floats(0.0, 1.0),
+    held_share=st.floats(0.0, 0.5),
+    length=st.floats(1.0, 500.0),
+)
+def test_never_leaves_the_bounds_of_the_data(slab, seed, edge, held_share, length):
+    rng = np.random.default_rng(seed)
+    psi = rng.choice([0.0, 1.0, 0.3], slab.volume.size)
+    held = rng.uniform(size=psi.size) < held_share
+    source = slab.source({"left": edge})
+    stepper = SuperStepper(slab, held, source)
+    span = length * slab.stable_step(np.zeros(psi.size, bool))
+    new, supply, _ = stepper.advance(psi, span, 0.0)
+    low, high = min(psi.min(), edge), max(psi.max(), edge)
+    assert low - 1e-11 <= new.min() and new.max() <= high + 1e-11
+    assert np.all(new[held] == psi[held])
+    change = float((new - psi) @ slab.volume)
+    assert abs(float(supply.sum()) - change) <= 1e-10 * float(slab.volume.sum())
+
+
+def test_a_uniform_field_takes_the_longest_steps(slab):
+    held, source = np.zeros(slab.volume.size, bool), slab.source({"left": 1.0})
+    stepper = SuperStepper(slab, held, source)
+    psi, _, step = stepper.advance(np.ones(slab.volume.size), 2 * stepper.longest, stepper.longest)
+    assert step >= stepper.longest
+    assert np.abs(psi - 1.0).max() < 1e-11
+    assert stepper.sweeps <= 2 * supersteps.MOST_STAGES + 1
