@@ -4,6 +4,7 @@
     snakemake --cores 2 --configfile config/studies/smoke.yaml      one study
     snakemake --cores 2 figures                                     pictures and animations only
     snakemake --cores 2 verification                                every check of the verification, and its page
+    snakemake --cores 2 benchmarks                                  how fast everything is, and its page
     snakemake -n                                                    what would run, and why
 
 Meshes and solutions are kept under results/store by a digest of the parameters they depend on, so that studies share
@@ -28,10 +29,12 @@ include: "workflow/rules/solve.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/report.smk"
 include: "workflow/rules/verification.smk"
+include: "workflow/rules/benchmarks.smk"
 
 
 localrules:
     all,
+    benchmarks,
     figures,
     results,
     verification,
@@ -41,6 +44,12 @@ rule verification:
     input:
         "results/verification/index.html",
         "results/verification/passed.txt",
+
+
+rule benchmarks:
+    input:
+        "results/benchmarks/index.html",
+        "results/benchmarks/benchmarks.json",
 
 
 rule results:

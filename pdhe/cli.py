@@ -203,6 +203,35 @@ def verdict(arguments: argparse.Namespace) -> None:
     _write(arguments.out, "every comparison holds\n")
 
 
+def benchmark(arguments: argparse.Namespace) -> None:
+    """Run one benchmark and write its table, figure, samples and machine."""
+    from pdhe.benchmarks.registry import write_benchmark
+
+    report = write_benchmark(arguments.name, _json(arguments.settings, "--settings"), arguments.out)
+    judged = [row for row in report.rows if row.kind != "shown"]
+    print(f"{report.title}: {sum(row.passed for row in judged)} of {len(judged)} counts hold", file=sys.stderr)
+
+
+def benchmark_page(arguments: argparse.Namespace) -> None:
+    """Gather benchmarks as one JSON file, one page and, where asked, tables in Markdown."""
+    from pdhe.benchmarks.page import as_html, as_markdown, gather
+
+    content = gather(arguments.folders)
+    _write(arguments.json, json.dumps(content, indent=1) + "\n")
+    _write(arguments.out, as_html(content, arguments.folders))
+    if arguments.markdown:
+        _write(arguments.markdown, as_markdown(content))
+
+
+def benchmark_compare(arguments: argparse.Namespace) -> None:
+    """Print the ratios of two runs of the benchmarks."""
+    from pdhe.benchmarks.page import compare
+
+    old, new = (_json(path.read_text(encoding="utf-8"), str(path)) for path in (arguments.old, arguments.new))
+    for line in compare(old, new):
+        print(line)
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="pdhe", description="Studies of hydrogen-assisted fracture.")
     parser.add_argument("--version", action="version", version=f"pdhe {_version()}")
@@ -210,7 +239,7 @@ def _parser() -> argparse.ArgumentParser:
 
     def add(function, *options):
         summary = function.__doc__.splitlines()[0]
-        command = commands.add_parser(function.__name__, help=summary, description=summary)
+        command = commands.add_parser(function.__name__.replace("_", "-"), help=summary, description=summary)
         for names, settings in options:
             command.add_argument(*names, **settings)
         command.set_defaults(run=function)
@@ -256,6 +285,12 @@ def _parser() -> argparse.ArgumentParser:
     docs = option("--docs", type=Path, metavar="FOLDER", help="write verification.md and its figures here as well")
     add(page, folders, file("--out", help="page to write"), docs)
     add(verdict, folders, file("--out", help="file to write when all is well"))
+    add(benchmark, option("name", metavar="NAME", help="benchmark to run"), settings, folder)
+    results = option("folders", nargs="+", type=Path, metavar="FOLDER", help="folder of a benchmark that has run")
+    tables = file("--markdown", help="tables to write", required=False)
+    add(benchmark_page, results, file("--out", help="page to write"), file("--json", help="numbers to write"), tables)
+    runs = [option(name, type=Path, metavar=name.upper(), help=f"benchmarks.json, {name}") for name in ("old", "new")]
+    add(benchmark_compare, *runs)
     return parser
 
 

@@ -7,6 +7,7 @@ import shlex
 import sys
 from pathlib import Path
 
+from pdhe.benchmarks.registry import BENCHMARKS, configured
 from pdhe.errors import PdheError
 from pdhe.provenance import canonical, digest, fingerprint
 from pdhe.study import load_studies
@@ -19,6 +20,7 @@ shell.prefix(f"export PATH={Path(sys.executable).parent}:$PATH; ")
 try:
     STUDIES = {study.name: study for study in load_studies(config, workflow.configfiles)}
     CHECKS = {check.topic: check for check in load_checks(config, workflow.configfiles)}
+    MEASUREMENTS = configured(config)
 except PdheError as error:
     sys.exit(f"error: {error}")
 
@@ -52,6 +54,7 @@ if workflow.config_settings.config:
 
 
 wildcard_constraints:
+    measurement="|".join(map(re.escape, MEASUREMENTS)),
     topic="|".join(map(re.escape, CHECKS)),
     study="|".join(map(re.escape, STUDIES)),
     case="|".join(map(re.escape, dict.fromkeys(name for _, name in CASES))),
