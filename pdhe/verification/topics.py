@@ -31,6 +31,7 @@ TOPICS: dict[str, str] = {
     "pair": "pdhe.verification.pair",
     "bond_failure": "pdhe.verification.bond_failure",
     "crack_path_mode_i": "pdhe.verification.crack_path_mode_i",
+    "growth_velocity": "pdhe.verification.growth_velocity",
 }
 
 
