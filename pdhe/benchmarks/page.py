@@ -70,9 +70,9 @@ def as_html(content: dict[str, Any], folders: Sequence[str | Path]) -> str:
 
 def as_markdown(content: dict[str, Any]) -> str:
     """Tables of all benchmarks in Markdown."""
-    lines: list[str] = []
+    lines = ["# Measured performance", "", "Written by `snakemake --cores 2 benchmarks`; medians.", ""]
     for block in content["benchmarks"].values():
-        lines += [f"### {block['title']}", "", f"{one_line(block['machine'])}.", ""]
+        lines += [f"## {block['title']}", "", f"{one_line(block['machine'])}.", ""]
         lines += ["| what | measured | goal or bound | |", "|---|---:|---:|---|"]
         lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in cells(row)) + " |" for row in block["rows"]]
         lines.append("")

@@ -36,11 +36,12 @@ Below, the default alone on the mesh of the main job.
 
 
 def run(
-    nodes: int = 3200,
-    load_steps: int = 3000,
+    nodes: int = 1800,
+    load_steps: int = 1000,
     substeps: int = 20,
     own_nodes: int = 20_000,
     rounds: int = 5,
+    own_rounds: int = 5,
     overrides: dict[str, Any] | None = None,
     full_steps: int = 3000,
 ) -> Report:
@@ -63,7 +64,7 @@ def run(
     rows = _comparison(slow, fast, slow_time, median(samples["event to event"]), full_steps / load_steps)
     groups = {f"{nodes} nodes, one thread": samples}
     if own_nodes:
-        own, own_rows, own_samples = _alone(own_nodes, rounds, overrides)
+        own, own_rows, own_samples = _alone(own_nodes, own_rounds, overrides)
         rows += own_rows
         groups[f"{own} nodes"] = own_samples
     less = ""

@@ -161,4 +161,5 @@ def _draw(samples: dict[str, list[float]], figure: Figure) -> None:
     (ax,) = panels(figure, 1)
     names = list(samples)[::-1]
     ax.barh(names, [median(samples[name]) for name in names], color=COLOURS[0])
+    ax.set_xscale("log")
     label(ax, "seconds", "")

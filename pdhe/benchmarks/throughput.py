@@ -39,7 +39,7 @@ def run(
     ratios: Sequence[int] = (3, 5),
     rounds: int = 5,
     least: float = 0.05,
-    largest: float = 3e7,
+    largest: float = 1e8,
 ) -> Report:
     """Measure every sweep; problems of more than ``largest`` directed bonds are left out, for the sake of memory."""
     import numba
