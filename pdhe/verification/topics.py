@@ -32,6 +32,7 @@ TOPICS: dict[str, str] = {
     "bond_failure": "pdhe.verification.bond_failure",
     "crack_path_mode_i": "pdhe.verification.crack_path_mode_i",
     "growth_velocity": "pdhe.verification.growth_velocity",
+    "kink_angle": "pdhe.verification.kink_angle",
 }
 
 
