@@ -21,8 +21,9 @@ COARSE_SHIFT = 1e-9
 #: Unknowns up to which the coarse operator is factorised; beyond, one multigrid cycle stands for its inverse. A factor
 #: costs more than linearly; at this size both take about as long.
 FACTORISE_UP_TO = 60_000
-#: The coarse operator is rebuilt when a solve needs this many iterations more than the first one after a rebuild.
-REBUILD_AFTER = 6
+#: The coarse operator is rebuilt once the solves since the last time took so many iterations more, in all, than the
+#: shortest of them: about what building costs.
+REBUILD_AFTER = 80
 
 
 class Preconditioner:
@@ -149,7 +150,7 @@ class Equilibrium:
         self.reference = 0.0
         self.work = Work()
         self._preconditioner: Preconditioner | None = None
-        self._baseline: int | None = None
+        self._baseline, self._excess = max_iterations, 0
 
     def solve(self, u: np.ndarray, prescribed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Bring a displacement field into equilibrium.
@@ -198,9 +199,9 @@ class Equilibrium:
             iterations += 1
         self.work.equilibrium_iterations += iterations
         self._raise_reference(force)
-        if self._baseline is None:
-            self._baseline = iterations
-        elif iterations > self._baseline + REBUILD_AFTER:
+        self._baseline = min(self._baseline, iterations)
+        self._excess += iterations - self._baseline
+        if self._excess > REBUILD_AFTER:
             self._preconditioner = None
         return u, force
 
@@ -214,7 +215,7 @@ class Equilibrium:
 
     def _build(self) -> None:
         self._preconditioner = Preconditioner(self.body, ~self.fixed, self.coordinates, self.spacing)
-        self._baseline = None
+        self._baseline, self._excess = self.max_iterations, 0
         self.work.preconditioner_builds += 1
 
     def _fail(self, residual: np.ndarray, norm: float, iterations: int) -> None:

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import numba
 import numpy as np
+
+# OpenMP's threads spin while they wait for each other, which on a machine with other work makes two threads many times
+# slower than one; Numba's own pool sleeps. Whoever sets the variable decides.
+if "NUMBA_THREADING_LAYER" not in os.environ:
+    numba.config.THREADING_LAYER = "workqueue"
 
 #: Directed bonds that keep one thread busy; at 100,000, a sweep takes about 0.1 ms.
 BONDS_PER_THREAD = 100_000
