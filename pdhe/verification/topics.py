@@ -33,6 +33,7 @@ TOPICS: dict[str, str] = {
     "crack_path_mode_i": "pdhe.verification.crack_path_mode_i",
     "growth_velocity": "pdhe.verification.growth_velocity",
     "kink_angle": "pdhe.verification.kink_angle",
+    "crack_scenes": "pdhe.verification.crack_scenes",
 }
 
 
