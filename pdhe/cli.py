@@ -14,6 +14,9 @@ from typing import Any
 
 from pdhe.errors import PdheError
 
+PICTURES = (".png", ".pdf", ".svg")
+"""Kinds of files that a picture can be written to."""
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status.
@@ -107,7 +110,11 @@ def validate(arguments: argparse.Namespace) -> None:
     for file in arguments.files:
         try:
             content = read_yaml(file)
-            if isinstance(content, dict) and "study" in content:
+            if isinstance(content, dict) and "check" in content:
+                from pdhe.verification.studies import load_check
+
+                print(f"{file}: check of {load_check(str(file)).topic}")
+            elif isinstance(content, dict) and "study" in content:
                 print(f"{file}: study with {len(load_study(file).cases)} case(s)")
             else:
                 print(f"{file}: scene '{load_scene(file).title}'")
@@ -145,6 +152,8 @@ def figures(arguments: argparse.Namespace) -> None:
     """Draw one picture of a result."""
     from pdhe.plotting import draw
 
+    if arguments.out.suffix not in PICTURES:
+        raise PdheError(f"{arguments.out}: pictures are written as {', '.join(PICTURES)}")
     draw(arguments.kind, arguments.result, _json(arguments.style, "--style"), _ready(arguments.out))
 
 

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 # A crack that the mesh does not follow owns the cells whose centroid is at most this many spacings away from it.
 CRACK_REACH = 0.75
+# Largest cell over the spacing asked for; meshes without near misses stay below 1.3.
+COARSEST = 2.0
 # Relative tolerance below which lengths and areas count as equal.
 ROUND_OFF = 1e-6
 # A circle of chords of length h misses pi h^2 / 6 of its area, whatever its radius: 1.2 spacing^2 for triangles.
@@ -110,6 +112,12 @@ def discretize(mesh_path: str | os.PathLike[str], geometry: Geometry, mesh_spec:
     if regular:
         area = np.full(len(area), area.mean())
     spacing = np.sqrt(area)
+    if spacing.max() > COARSEST * mesh_spec.spacing:
+        raise PdheError(
+            f"{path}: the largest cell is {spacing.max():.3g} m wide where {mesh_spec.spacing:g} m were asked for: "
+            "cracks, holes or edges that nearly touch use up the cells; move them apart or together, or use a "
+            "smaller mesh.spacing"
+        )
 
     node_sets: dict[str, np.ndarray] = {}
     on_curve = _cells_on_curves(cells, curves, len(vertices))

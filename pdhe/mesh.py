@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pdhe.errors import PdheError
+from pdhe.scene_checks import square_cells
 
 if TYPE_CHECKING:
     from pdhe.scene import Geometry, Mesh
@@ -36,8 +37,6 @@ CRACK_PREFIX = "crack:"
 EDGE_OVER_SPACING = {"triangle": 1.52, "quadrilateral": 1.0}
 # Relative error of the mean cell area that is left alone, and how often the plate is meshed anew to get there.
 AREA_TOLERANCE, ATTEMPTS = 0.05, 4
-# Largest difference between the two side lengths of a structured cell, relative to the horizontal one.
-SQUARENESS = 0.02
 SYSTEM_LIBRARIES = "libglu1-mesa libgl1 libxft2 libxcursor1 libxinerama1 libgomp1"
 
 # gmsh keeps one global model: two threads of one process take turns.
@@ -86,32 +85,16 @@ def make_mesh(geometry: Geometry, mesh_spec: Mesh, path: str | os.PathLike[str])
 
 
 def structured_counts(width: float, height: float, spacing: float) -> tuple[int, int]:
-    """Cells along the width and the height of a structured plate of square cells.
-
-    Parameters
-    ----------
-    width, height, spacing
-        Lengths, m. The counts are rounded, so the actual spacing is ``width / nx`` by ``height / ny``.
+    """Cells along the width and the height (m) of a structured plate of square cells of about ``spacing`` (m).
 
     Raises
     ------
     PdheError
         The two actual spacings differ by more than 2 %.
     """
-    nx, ny = max(1, round(width / spacing)), max(1, round(height / spacing))
-    dx, dy = width / nx, height / ny
-    if abs(dx - dy) > SQUARENESS * dx:
-        fitting = [
-            width / n
-            for n in range(1, 4 * nx + 4)
-            if (rows := round(height * n / width)) > 0 and abs(height * n / (width * rows) - 1) <= 1e-6
-        ]
-        nearest = min(fitting, key=lambda length: abs(length - spacing), default=None)
-        hint = f"for example {nearest:.6g} m" if nearest else "or use cells: triangle"
-        raise PdheError(
-            f"mesh.spacing: {spacing:g} m gives cells of {dx:.6g} m by {dy:.6g} m on a plate of {width:g} m by "
-            f"{height:g} m, which are not square; choose a spacing that divides both sides, {hint}"
-        )
+    nx, ny, hint = square_cells(width, height, spacing)
+    if hint:
+        raise PdheError(f"mesh.spacing: {spacing:g} m {hint}")
     return nx, ny
 
 

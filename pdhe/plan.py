@@ -68,7 +68,7 @@ def _hydrogen(case: Case) -> str:
     stepping = case.scene.stepping
     if stepping.mode == "fixed":
         step = case.scene.time.end / (stepping.load_steps * stepping.diffusion_substeps)
-        if step > limit:
+        if step > limit > 0.0:
             least = int(np.ceil(case.scene.time.end / (stepping.load_steps * limit)))
             raise SceneError(
                 "scene", "stepping.diffusion_substeps", stepping.diffusion_substeps,
@@ -77,7 +77,7 @@ def _hydrogen(case: Case) -> str:
             )  # fmt: skip
     else:
         step = STEP_SAFETY * limit
-    count = DiffusionStep.sweeps * case.scene.time.end / step if np.isfinite(step) else 0
+    count = DiffusionStep.sweeps * case.scene.time.end / step if np.isfinite(step) and step > 0.0 else 0
     return f"hydrogen: on, explicit steps of at most {step:.4g} s (limit {limit:.4g} s), at least {count:.0f} sweeps"
 
 

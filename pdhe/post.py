@@ -58,7 +58,8 @@ def history_table(result_path: str | Path) -> str:
         If the file is not a result or holds no history.
     """
     with open_result(result_path) as result:
-        columns = {name: values for name, values in result.data_vars.items() if values.dims == ("step",)}
+        names = ["history_time", *(name for name in result.data_vars if name != "history_time")]
+        columns = {name: result[name] for name in names if name in result and result[name].dims == ("step",)}
         if not columns:
             raise PdheError(f"{result_path}: the result holds no history")
         text = io.StringIO()

@@ -65,7 +65,9 @@ class Recorder:
             field = field_of(name)
             variables[name] = (field.dims, values, {"units": field.unit, "long_name": field.long_name})
         sets = {name: nodes.tolist() for name, nodes in d.node_sets.items() if name != "all"}
-        coordinates = {name: variables.pop(name) for name in ("time", "node_x", "node_y")}
+        coordinates = {
+            name: variables.pop(name) for name in ("time", "node_x", "node_y", "history_time") if name in variables
+        }
         coordinates |= {"component": ["x", "y"]}
         return xr.Dataset(variables, coordinates, {**attributes, "node_sets": json.dumps(sets)})
 

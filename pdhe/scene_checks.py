@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 MAX_NODES = 5_000_000
 """Most nodes of one scene."""
+SQUARENESS = 0.02
+"""Largest relative difference of the two sides of a cell on a structured mesh."""
 MIN_HORIZON_RATIO = 1.2
 """Smallest horizon in units of the spacing at which every node keeps its four nearest neighbours on a rough mesh."""
 SHARING_DISTANCE = 1.5
@@ -40,6 +42,22 @@ def check_scene(scene: "Scene") -> None:
     _check_coverage(scene)
 
 
+def square_cells(width: float, height: float, spacing: float) -> tuple[int, int, str]:
+    """Cells along both sides (m) of a plate for a wanted spacing (m), and what is wrong if they are not square."""
+    nx, ny = max(1, round(width / spacing)), max(1, round(height / spacing))
+    dx, dy = width / nx, height / ny
+    if abs(dx - dy) <= SQUARENESS * dx:
+        return nx, ny, ""
+    fitting = [
+        width / n
+        for n in range(1, 4 * nx + 4)
+        if (rows := round(height * n / width)) > 0 and abs(height * n / (width * rows) - 1) <= 1e-6
+    ]
+    nearest = min(fitting, key=lambda length: abs(length - spacing), default=None)
+    hint = f", for example {_mm(float(f'{nearest:.6g}'))}" if nearest else ""
+    return nx, ny, f"gives cells of {_mm(dx, dy)}, which are not square; choose one that divides both sides{hint}"
+
+
 def _mm(*lengths: float) -> str:
     return " x ".join(f"{1e3 * length:g}" for length in lengths) + " mm"
 
@@ -49,6 +67,10 @@ def _check_mesh(scene: "Scene") -> None:
     if spacing > min(width, height):
         hint = f"use a fraction of the smaller side, {_mm(min(width, height))}"
         raise problem(f"is larger than the plate, {_mm(width, height)}", hint, "mesh.spacing")
+    if scene.mesh.cells == "quadrilateral" and not scene.geometry.holes:
+        wrong = square_cells(width, height, spacing)[2]
+        if wrong:
+            raise problem(wrong, "or use `cells: triangle`", "mesh.spacing")
     nodes = (width / spacing) * (height / spacing)
     if nodes > MAX_NODES:
         least = math.sqrt(width * height / MAX_NODES)

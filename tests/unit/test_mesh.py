@@ -49,7 +49,7 @@ def test_counts_are_rounded():
 
 
 def test_cells_far_from_square_are_refused_with_a_spacing_that_works():
-    with pytest.raises(PdheError, match=r"mesh\.spacing.*not square.*for example 0\.02 m") as refusal:
+    with pytest.raises(PdheError, match=r"mesh\.spacing.*not square.*for example 20 mm") as refusal:
         structured_counts(0.1, 0.06, 0.025)
     assert "0.025" in str(refusal.value)
     assert structured_counts(0.1, 0.06, 0.02) == (5, 3)

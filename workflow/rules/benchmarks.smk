@@ -25,7 +25,7 @@ rule measure:
         "logs/benchmark/benchmarks/{measurement}.tsv"
     conda:
         "../envs/pdhe.yaml"
-    threads: workflow.cores or 1
+    threads: lambda wildcards: workflow.cores or 1
     params:
         folder=subpath(output.numbers, parent=True),
         settings=lambda wildcards: canonical(MEASUREMENTS[wildcards.measurement]),

@@ -1,0 +1,61 @@
+"""What a run must not leave out: loads from the start, corners of the load, runs of no length, meshes gone wrong."""
+
+import pytest
+
+from pdhe.case import build_case
+from pdhe.discretization import discretize
+from pdhe.errors import PdheError
+from pdhe.mesh import make_mesh
+from pdhe.plan import make_plan
+from pdhe.scene import load_scene
+from pdhe.simulation import simulate
+
+
+def case_of(tmp_path, **changes):
+    scene = load_scene("config/scenes/smoke.yaml", {"mesh.spacing": "10 mm", **changes})
+    make_mesh(scene.geometry, scene.mesh, tmp_path / "plate.msh")
+    return build_case(scene, discretize(tmp_path / "plate.msh", scene.geometry, scene.mesh))
+
+
+def loads(value):
+    return [{"on": "top", "displacement": {"y": value}}, {"on": "bottom", "displacement": {"y": "0 mm"}}]
+
+
+@pytest.mark.parametrize("end", ["0 s", "1 h"])
+def test_a_load_from_the_start_breaks_bonds_at_once(end, tmp_path):
+    changes = {"loads": loads("1 mm"), "hydrogen": None, "time.end": end, "outputs.count": 1}
+    result = simulate(case_of(tmp_path, **changes))
+    assert result.broken_bonds.values[0] > 0
+    assert result.broken_time.values.max() == 0.0
+    assert result.largest_load.values[-1] < 1.0
+
+
+def test_corners_of_the_load_are_in_the_history(tmp_path):
+    peak = loads({"0 h": "0 mm", "1 h": "0.001 mm", "2 h": "0 mm"})
+    result = simulate(case_of(tmp_path, loads=peak, **{"time.end": "4 h", "outputs.count": 1, "hydrogen": None}))
+    assert result.history_time.values.tolist() == [0.0, 3600.0, 7200.0, 14400.0]
+    assert result.applied_top_y.values.tolist() == [0.0, 1e-6, 0.0, 0.0]
+    assert result.reaction_top_y.values.argmax() == 1
+
+
+@pytest.mark.parametrize("mode", [{"mode": "events"}, {"mode": "fixed", "load_steps": 3, "diffusion_substeps": 2}])
+def test_a_run_of_no_length_is_planned_and_run(mode, tmp_path):
+    case = case_of(tmp_path, stepping=mode, **{"time.end": "0 s"})
+    assert "hydrogen: on" in make_plan(case)
+    assert set(simulate(case).time.values) == {0.0}
+
+
+def test_cracks_that_nearly_touch_do_not_coarsen_the_mesh_unnoticed(tmp_path):
+    cracks = [
+        {"name": f"c{k}", "from": ["60 mm", f"{y} mm"], "to": ["110 mm", f"{y} mm"]} for k, y in enumerate((50, 50.01))
+    ]
+    boundary = [{"on": "c0", "coverage": 1}]
+    with pytest.raises(PdheError, match="nearly touch"):
+        case_of(
+            tmp_path,
+            **{
+                "geometry.cracks": cracks,
+                "mesh": {"spacing": "6 mm", "cells": "triangle"},
+                "hydrogen.boundary": boundary,
+            },
+        )
