@@ -34,6 +34,7 @@ TOPICS: dict[str, str] = {
     "growth_velocity": "pdhe.verification.growth_velocity",
     "kink_angle": "pdhe.verification.kink_angle",
     "crack_scenes": "pdhe.verification.crack_scenes",
+    "timing": "pdhe.verification.timing",
 }
 
 
