@@ -68,7 +68,7 @@ def run(
     spacing: float = 2.5e-3,
     pulls_um: Sequence[float] = (9, 10, 12, 15, 20, 25, 30, 40, 50, 60, 70, 75, 78),
     other_spacings: Sequence[float] = (5e-3, 1.25e-3),
-    other_pulls_um: Sequence[float] = (20, 30, 40, 60),
+    other_pulls_um: Sequence[float] = (20, 40, 60),
     wide_ratio: float | None = 5.015,
     ramp_spacing: float = 2.5e-3,
 ) -> Report:
