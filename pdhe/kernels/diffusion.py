@@ -1,8 +1,9 @@
-"""Explicit diffusion sweeps over directed bonds (theory, section 4)."""
+"""Explicit diffusion sweeps over directed bonds (theory, section 4); indices unsigned as in the mechanics."""
 
 from __future__ import annotations
 
 from numba import prange
+from numpy import uint32, uint64
 
 from pdhe.kernels.jit import kernel
 
@@ -18,8 +19,8 @@ def diffuse(offsets, neighbours, rate, sink, source, held, volume, dt, psi, new,
     for i in prange(psi.size):
         here = psi[i]
         total = 0.0
-        for k in range(offsets[i], offsets[i + 1]):
-            total += rate[k] * (psi[neighbours[k]] - here)
+        for k in range(uint64(offsets[i]), uint64(offsets[i + 1])):
+            total += rate[k] * (psi[uint32(neighbours[k])] - here)
         if held[i]:
             new[i] = here
             supply[i] -= dt * volume[i] * total
@@ -34,6 +35,6 @@ def outflow_rate(offsets, rate, sink, held, total):
     """Write the sum of the rates that leave each node, 1/s; its inverse bounds the explicit step. Zero where held."""
     for i in prange(total.size):
         value = sink[i]
-        for k in range(offsets[i], offsets[i + 1]):
+        for k in range(uint64(offsets[i]), uint64(offsets[i + 1])):
             value += rate[k]
         total[i] = 0.0 if held[i] else value
