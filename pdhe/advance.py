@@ -200,12 +200,18 @@ def _share_until_failure(
 ) -> float | None:
     """Share of a diffusion step after which the first candidate is critical; None if none becomes so."""
     f0, f1 = (motion.fraction(now), motion.fraction(later)) if motion.moving else (0.0, 0.0)
+    last = candidates.ratio(f1, step.coverage(1.0))
+    if last.max() < 1.0:
+        return None
+    # Whichever is critical first is so at the end as well: the others need no second look.
+    rows = np.flatnonzero(last >= 1.0)
+    i, j = candidates.i[rows], candidates.j[rows]
 
     def worst(share: float) -> float:
-        psi = 0.5 * (step.coverage(share, candidates.i) + step.coverage(share, candidates.j))
-        return float(candidates.ratio_at(f0 + share * (f1 - f0), psi).max())
+        psi = 0.5 * (step.coverage(share, i) + step.coverage(share, j))
+        return float(candidates.ratio_at(f0 + share * (f1 - f0), psi, rows).max())
 
-    return _first_crossing(worst) if worst(1.0) >= 1.0 else None
+    return _first_crossing(worst)
 
 
 def _first_crossing(worst) -> float:
@@ -222,15 +228,13 @@ def _first_crossing(worst) -> float:
     return high
 
 
-def fail_until_stable(case: Case, state: State, candidates: Candidates, fraction: float, recorder: Recorder) -> int:
+def fail_until_stable(case: Case, state: State, candidates: Candidates, fraction: float, recorder: Recorder) -> None:
     """Break critical bonds and restore equilibrium, round after round at a fixed time, until no bond is critical.
 
-    In a round every critical bond breaks whose load over resistance is within ``grouping`` of the largest. Returns the
-    number of rounds.
+    In a round every critical bond breaks whose load over resistance is within ``grouping`` of the largest.
     """
     grouping = case.scene.stepping.grouping or 0.0
     prescribed = case.conditions.values(state.time)
-    rounds = 0
     while candidates.bond.size:
         ratio = candidates.ratio(fraction, state.coverage)
         worst = ratio.max()
@@ -240,10 +244,9 @@ def fail_until_stable(case: Case, state: State, candidates: Candidates, fraction
         break_bonds(case, state, candidates, chosen, fraction, recorder)
         state.displacement, state.force = case.equilibrium.solve(state.displacement, prescribed)
         saturate_broken(case, state)
-        candidates, fraction = Candidates(case.body, case.rule, state.displacement, state.displacement), 0.0
-        rounds += 1
-    state.failure_rounds += rounds
-    return rounds
+        u = state.displacement
+        candidates, fraction = Candidates(case.body, case.rule, u, u, state.coverage), 0.0
+        state.failure_rounds += 1
 
 
 def break_bonds(case: Case, state: State, candidates: Candidates, chosen, fraction: float, recorder: Recorder) -> None:

@@ -73,45 +73,63 @@ class FailureRule:
         """The smallest critical stretch that any coverage can lead to."""
         return self.critical * (1.0 if self.resistance is None else float(self.resistance(np.ones(1))[0]))
 
+    def resistance_at(self, psi: np.ndarray | None) -> np.ndarray | float:
+        """Critical stretch at some coverages; the dry one if they are None or do not matter."""
+        if psi is None or self.resistance is None:
+            return self.critical
+        return self.critical * self.resistance(psi)
+
 
 class Candidates:
     """The bonds that could break while the displacements go linearly from ``u0`` to ``u1``.
 
     A bond is in the list if its load at either end reaches the least resistance that saturation could leave it. Loads
-    are convex in time between the two ends, so no other bond can fail in between. With ``watch`` the list is
-    lengthened, if need be, until it surely holds the bond that is nearest to failure.
+    are convex in time between the two ends, so no other bond can fail in between. With ``psi`` (n,), the coverage
+    stays as it is, and only bonds are listed that may be critical at it.
     """
 
-    def __init__(self, body: Body, rule: FailureRule, u0: np.ndarray, u1: np.ndarray, *, watch: bool = False) -> None:
+    def __init__(
+        self, body: Body, rule: FailureRule, u0: np.ndarray, u1: np.ndarray, psi: np.ndarray | None = None
+    ) -> None:
         self.rule = rule
         self.ratio_of_moduli = body.tangential / body.normal
-        moving = u1 is not u0
+        self.moving = u1 is not u0
         breakable = rule.may_fail & body.intact
-        load = body.bond_loads(u0, rule.by_energy)
-        if moving:
-            load = np.maximum(load, body.bond_loads(u1, rule.by_energy))
-        least = rule.weakest
-        if watch:
-            least = min(least, float(load.max(where=breakable, initial=0.0)) * rule.weakest / rule.critical)
-        self.bond = np.flatnonzero(breakable & (load >= least))
-        self.i, self.j = _owners(body.bonds, self.bond), body.bonds.neighbours[self.bond]
+        least = np.empty(body.bonds.node_count)
+        least[:] = rule.weakest if psi is None else rule.resistance_at(psi)
+        top, theta0 = body.largest_ratios(u0, rule.by_energy, breakable, least)
+        theta1 = theta0
+        if self.moving:
+            end, theta1 = body.largest_ratios(u1, rule.by_energy, breakable, least)
+            top = np.maximum(top, end)
+        bond, self.i = _rows(body.bonds, np.flatnonzero(top >= 1.0))
+        keep = breakable[bond]
+        self._take(body, bond[keep], self.i[keep])
+        self.start = body.bond_parts(u0, self.bond, self.i, theta0)
+        self.change = body.bond_parts(u1, self.bond, self.i, theta1) - self.start if self.moving else None
+        load = np.maximum(self.load(0.0), self.load(1.0)) if self.moving else self.load(0.0)
+        keep = load >= np.minimum(least[self.i], least[self.j])
+        self.start = self.start[:, keep]
+        if self.moving:
+            self.change = self.change[:, keep]
+        self._take(body, self.bond[keep], self.i[keep])
+        self._resting = None if self.moving else self.load(0.0)
+
+    def _take(self, body: Body, bond: np.ndarray, owner: np.ndarray) -> None:
+        self.bond, self.i, self.j = bond, owner, body.bonds.neighbours[bond]
         self.share_i, self.share_j = body.share[self.i], body.share[self.j]
-        self.stiffness = body.normal * body.bonds.weight[self.bond] * body.bonds.length[self.bond]
-        self.start = body.bond_parts(u0, self.bond, self.i)
-        self.change = body.bond_parts(u1, self.bond, self.i) - self.start if moving else None
+        self.stiffness = body.normal * body.bonds.weight[bond] * body.bonds.length[bond]
+        self._resting = None
 
     def _strains(self, fraction: float) -> tuple[np.ndarray, np.ndarray]:
-        """Stretch, and the squared stretch that has the same energy, shear included."""
-        stretch, angle_i, angle_j = self.start if self.change is None else self.start + fraction * self.change
-        shear = 0.5 * (self.share_i * angle_i**2 + self.share_j * angle_j**2)
-        return stretch, stretch**2 + self.ratio_of_moduli * shear
+        parts = self.start if self.change is None else self.start + fraction * self.change
+        return _strains(parts, self.share_i, self.share_j, self.ratio_of_moduli)
 
     def load(self, fraction: float) -> np.ndarray:
         """Load of each candidate at a fraction of the way from ``u0`` to ``u1``, (k,) (theory, eq. 5.2)."""
-        stretch, square = self._strains(fraction)
-        if self.rule.by_energy:
-            return np.where(stretch > 0.0, np.sqrt(np.maximum(square, 0.0)), 0.0)
-        return np.maximum(stretch, 0.0)
+        if self._resting is not None:
+            return self._resting
+        return _load(*self._strains(fraction), self.rule.by_energy)
 
     def energy(self, fraction: float) -> np.ndarray:
         """Elastic energy of each candidate, J (k,) (theory, eq. 2.1)."""
@@ -124,14 +142,51 @@ class Candidates:
         """
         return self.ratio_at(fraction, None if psi is None else 0.5 * (psi[self.i] + psi[self.j]))
 
-    def ratio_at(self, fraction: float, psi: np.ndarray | None) -> np.ndarray:
-        """The same for the coverage of each candidate, (k,)."""
-        critical = self.rule.critical
-        if psi is not None and self.rule.resistance is not None:
-            critical = critical * self.rule.resistance(psi)
-        return self.load(fraction) / critical
+    def ratio_at(self, fraction: float, psi: np.ndarray | None, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """The same for some candidates, given the coverage of each of them, (k,)."""
+        return self.load(fraction)[rows] / self.rule.resistance_at(psi)
 
 
-def _owners(bonds: Bonds, bond: np.ndarray) -> np.ndarray:
-    """Owner of some directed bonds."""
-    return (np.searchsorted(bonds.offsets, bond, side="right") - 1).astype(np.int32)
+def nearest_failure(body: Body, rule: FailureRule, u: np.ndarray, psi: np.ndarray | None) -> float:
+    """Largest load over resistance of any bond: how near the next failure is, 1 being there.
+
+    The resistance falls with coverage, hence that of a bond is at least the lesser one of its ends. What this bound
+    leaves over is looked at bond by bond.
+    """
+    breakable = rule.may_fail & body.intact
+    least = np.empty(body.bonds.node_count)
+    least[:] = rule.resistance_at(psi)
+    bound, theta = body.largest_ratios(u, rule.by_energy, breakable, least)
+    largest, top = 0.0, float(bound.max(initial=0.0))
+    # The node with the highest bound first; then all whose bound exceeds what it has.
+    for nodes in (np.flatnonzero(bound == top)[:1], np.flatnonzero(bound > 0.0)):
+        bond, i = _rows(body.bonds, nodes[bound[nodes] > largest])
+        bond, i = bond[breakable[bond]], i[breakable[bond]]
+        if bond.size:
+            j = body.bonds.neighbours[bond]
+            stretch, square = _strains(
+                body.bond_parts(u, bond, i, theta), body.share[i], body.share[j], body.tangential / body.normal
+            )
+            load = _load(stretch, square, rule.by_energy)
+            critical = rule.resistance_at(None if psi is None else 0.5 * (psi[i] + psi[j]))
+            largest = max(largest, float((load / critical).max()))
+    return largest
+
+
+def _strains(parts: np.ndarray, share_i: np.ndarray, share_j: np.ndarray, ratio: float):
+    """Stretch, and the squared stretch that has the same energy, shear included."""
+    stretch, angle_i, angle_j = parts
+    return stretch, stretch**2 + ratio * 0.5 * (share_i * angle_i**2 + share_j * angle_j**2)
+
+
+def _load(stretch: np.ndarray, square: np.ndarray, by_energy: bool) -> np.ndarray:
+    if by_energy:
+        return np.where(stretch > 0.0, np.sqrt(np.maximum(square, 0.0)), 0.0)
+    return np.maximum(stretch, 0.0)
+
+
+def _rows(bonds: Bonds, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Directed bonds of some nodes, and the owner of each."""
+    first, size = bonds.offsets[nodes], bonds.offsets[nodes + 1] - bonds.offsets[nodes]
+    shift = np.repeat(first - np.concatenate([[0], np.cumsum(size)[:-1]]), size)
+    return np.arange(shift.size) + shift, np.repeat(nodes, size).astype(np.int32)

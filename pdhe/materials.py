@@ -183,9 +183,41 @@ class Body:
         )
         return out
 
-    def bond_parts(self, u: np.ndarray, bond: np.ndarray, owner: np.ndarray) -> np.ndarray:
-        """Stretch and both tangential strains of some directed bonds, (3, k): linear in the displacements."""
-        b, theta = self.bonds, self._rotate(u)[:, 0]
+    def largest_ratios(self, u: np.ndarray, by_energy: bool, breakable: np.ndarray, resistance: np.ndarray):
+        """What a search for failures starts with, without writing anything per bond.
+
+        Parameters
+        ----------
+        u
+            Displacements, m (n, 2).
+        by_energy
+            As in :meth:`bond_loads`.
+        breakable
+            Directed bonds to look at, bool (b,).
+        resistance
+            Load that a bond can bear, by its ends (n,): the lesser one counts.
+
+        Returns
+        -------
+        top, theta
+            Largest load over resistance among the bonds that each node owns, and rotation of the node, rad; both (n,).
+        """
+        b, top = self.bonds, np.empty(self.bonds.node_count)
+        spin = self._rotate(u)
+        mechanics.largest_ratio(
+            b.offsets, b.neighbours, self.coordinates, self.share, self.normal, self.tangential, by_energy, u, spin,
+            breakable, resistance, top,
+        )  # fmt: skip
+        return top, spin[:, 0].copy()
+
+    def bond_parts(
+        self, u: np.ndarray, bond: np.ndarray, owner: np.ndarray, theta: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Stretch and both tangential strains of some directed bonds, (3, k): linear in the displacements.
+
+        ``theta`` is the rotation of each node under ``u``, rad (n,), if known.
+        """
+        b, theta = self.bonds, self._rotate(u)[:, 0] if theta is None else theta
         other = b.neighbours[bond]
         relative = u[other] - u[owner]
         stretch = (b.nx[bond] * relative[:, 0] + b.ny[bond] * relative[:, 1]) / b.length[bond]

@@ -11,7 +11,7 @@ import xarray as xr
 
 from pdhe import advance as moves
 from pdhe.case import Case, build_case
-from pdhe.damage import Candidates
+from pdhe.damage import Candidates, nearest_failure
 from pdhe.discretization import Discretization
 from pdhe.errors import SimulationError
 from pdhe.kernels import threads_for
@@ -65,7 +65,8 @@ def _simulate(case: Case, log: Progress) -> xr.Dataset:
     state, recorder = start(case), Recorder()
     if case.rule is not None:
         # Loads that are on from the start may break bonds before any time has passed.
-        begin = Candidates(case.body, case.rule, state.displacement, state.displacement)
+        u = state.displacement
+        begin = Candidates(case.body, case.rule, u, u, state.coverage)
         moves.fail_until_stable(case, state, begin, 0.0, recorder)
     record(case, state, recorder, snapshot=True)
     step = _step_events if case.scene.stepping.mode == "events" else _step_fixed
@@ -140,9 +141,10 @@ def _step_fixed(case: Case, state: State, recorder: Recorder, log: Progress, run
             u, force = case.equilibrium.solve(state.displacement, case.conditions.values(t))
             moves.move_to(case, state, moves.Motion(t, t, u, u, force, force), t)
             if case.rule is not None:
-                before = state.crack_extension
-                candidates = Candidates(case.body, case.rule, u, u)
-                failed = moves.fail_until_stable(case, state, candidates, 0.0, recorder)
+                before, failed = state.crack_extension, -state.failure_rounds
+                candidates = Candidates(case.body, case.rule, u, u, state.coverage)
+                moves.fail_until_stable(case, state, candidates, 0.0, recorder)
+                failed += state.failure_rounds
                 _note_runaway(case, state, before, runaways, log)
         output = bool(pending) and t >= pending[0] * (1.0 - 1e-12)
         while pending and t >= pending[0] * (1.0 - 1e-12):
@@ -203,7 +205,7 @@ def record(case: Case, state: State, recorder: Recorder, snapshot: bool) -> None
     if case.rule is not None:
         phi = case.body.damage()
         fields["damage"] = phi
-        nearest = Candidates(case.body, case.rule, state.displacement, state.displacement, watch=True)
+        nearest = nearest_failure(case.body, case.rule, state.displacement, state.coverage)
         row |= {
             "fracture_energy": state.fracture_energy,
             "crack_length": equivalent_crack_length(case),
@@ -213,7 +215,7 @@ def record(case: Case, state: State, recorder: Recorder, snapshot: bool) -> None
             "mean_damage": float(np.average(phi, weights=volume)),
             "broken_bonds": state.broken_bonds,
             "failure_rounds": state.failure_rounds,
-            "largest_load": float(nearest.ratio(0.0, state.coverage).max(initial=0.0)),
+            "largest_load": nearest,
         }
     if case.diffusion is not None:
         content = float(np.sum(state.coverage * volume))

@@ -140,7 +140,8 @@ class Loop:
 
     def failures(self) -> None:
         """One look at every bond: which could break."""
-        Candidates(self.p.body, self.p.rule, self.p.displacement, self.p.displacement)
+        u = self.p.displacement
+        Candidates(self.p.body, self.p.rule, u, u, self.psi)
 
     def sweeps(self) -> None:
         """A load step without the look for failures."""

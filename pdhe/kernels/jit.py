@@ -25,8 +25,8 @@ class Kernel:
     """A loop over nodes compiled for one thread and for several, each when first called.
 
     One thread runs a plain loop: handing a sweep to the pool and waiting for it takes 25 us, as much as a sweep over a
-    thousand nodes, and a job on one thread never loads what belongs to the pool. Both do the same operations in the same
-    order, so that results are the same to the bit.
+    thousand nodes, and a job on one thread never loads what belongs to the pool. Both do the same operations in the
+    same order, so that results are the same to the bit.
 
     ``fastmath`` stays off: it would make ``isnan`` false, and contraction alone would let the two differ in the last
     digit.

@@ -20,7 +20,7 @@ import math
 from numba import prange
 from numpy import uint32, uint64
 
-from pdhe.kernels.jit import kernel
+from pdhe.kernels.jit import kernel, serial_kernel
 
 
 @kernel
@@ -105,6 +105,21 @@ def elastic_energy(offsets, neighbours, x, cubed, share, normal, tangential, u, 
         energy[i] = 0.25 * total
 
 
+@serial_kernel
+def _load(dx, dy, ex, ey, share_i, share_j, theta_i, theta_j, ratio, by_energy):
+    """Load of one bond, given its vector, its relative displacement, and what its two ends know."""
+    square = dx * dx + dy * dy
+    s = (dx * ex + dy * ey) / square
+    if s <= 0.0:
+        return 0.0
+    if not by_energy:
+        return s
+    a = (dx * ey - dy * ex) / square
+    gi = a - theta_i
+    gj = a - theta_j
+    return math.sqrt(max(s * s + 0.5 * ratio * (share_i * gi * gi + share_j * gj * gj), 0.0))
+
+
 @kernel
 def bond_load(offsets, neighbours, x, share, normal, tangential, by_energy, u, spin, load):
     """Write the load of each directed bond: what is compared with the critical stretch (theory, eq. 5.2).
@@ -112,25 +127,35 @@ def bond_load(offsets, neighbours, x, share, normal, tangential, by_energy, u, s
     That is the stretch, or with ``by_energy`` the stretch of a bond of the same energy without shear; bonds under
     compression have load zero.
     """
+    ratio = tangential / normal
     for i in prange(offsets.size - 1):
         for k in range(uint64(offsets[i]), uint64(offsets[i + 1])):
             j = uint32(neighbours[k])
-            dx = x[j, 0] - x[i, 0]
-            dy = x[j, 1] - x[i, 1]
-            ex = u[j, 0] - u[i, 0]
-            ey = u[j, 1] - u[i, 1]
-            square = dx * dx + dy * dy
-            s = (dx * ex + dy * ey) / square
-            value = 0.0
-            if s > 0.0:
-                value = s
-                if by_energy:
-                    a = (dx * ey - dy * ex) / square
-                    gi = a - spin[i, 0]
-                    gj = a - spin[j, 0]
-                    shear = 0.5 * (share[i] * gi * gi + share[j] * gj * gj)
-                    value = math.sqrt(max(s * s + tangential / normal * shear, 0.0))
-            load[k] = value
+            load[k] = _load(
+                x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], u[j, 0] - u[i, 0], u[j, 1] - u[i, 1],
+                share[i], share[j], spin[i, 0], spin[j, 0], ratio, by_energy,
+            )  # fmt: skip
+
+
+@kernel
+def largest_ratio(
+    offsets, neighbours, x, share, normal, tangential, by_energy, u, spin, breakable, resistance, top
+):  # fmt: skip
+    """Write for each node the largest load of its breakable bonds over the lesser resistance of the bond's two ends."""
+    ratio = tangential / normal
+    for i in prange(offsets.size - 1):
+        largest = 0.0
+        for k in range(uint64(offsets[i]), uint64(offsets[i + 1])):
+            if breakable[k]:
+                j = uint32(neighbours[k])
+                load = _load(
+                    x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], u[j, 0] - u[i, 0], u[j, 1] - u[i, 1],
+                    share[i], share[j], spin[i, 0], spin[j, 0], ratio, by_energy,
+                )  # fmt: skip
+                least = min(resistance[i], resistance[j])
+                if load > largest * least:
+                    largest = load / least
+        top[i] = largest
 
 
 @kernel
