@@ -13,17 +13,15 @@ import contextlib
 import io
 import math
 import os
-import threading
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import meshio
 import numpy as np
-import xarray as xr
 
 from pdhe.errors import PdheError
 from pdhe.mesh import ALL, CRACK_PREFIX, EDGES, PLATE
+from pdhe.netcdf import Variable, read_netcdf, write_netcdf
 
 if TYPE_CHECKING:
     from pdhe.scene import Crack, Geometry, Mesh
@@ -155,22 +153,22 @@ def discretize(mesh_path: str | os.PathLike[str], geometry: Geometry, mesh_spec:
 
 def write_discretization(discretization: Discretization, path: str | os.PathLike[str]) -> None:
     """Write a NetCDF-4 file; it appears complete or not at all. The set ``all`` is implied."""
-    path = Path(path)
     named = {name: nodes for name, nodes in discretization.node_sets.items() if name != ALL}
     members = np.concatenate([*named.values(), np.empty(0, dtype=np.int32)]).astype(np.int32)
     variables = {
-        name: (dimensions, getattr(discretization, name), _ATTRIBUTES[name]) for name, dimensions in _DIMENSIONS.items()
+        name: Variable(dimensions, getattr(discretization, name), _ATTRIBUTES[name])
+        for name, dimensions in _DIMENSIONS.items()
     } | {
-        "node_set_name": ("node_set", np.array(list(named), dtype=object), {"long_name": "name of the node set"}),
-        "node_set_size": (
-            "node_set",
+        "node_set_name": Variable(
+            ("node_set",), np.array(list(named), dtype=object), {"long_name": "name of the node set"}
+        ),
+        "node_set_size": Variable(
+            ("node_set",),
             np.array([len(nodes) for nodes in named.values()], dtype=np.int32),
             {"units": "1", "long_name": "number of nodes in the node set"},
         ),
-        "node_set_member": (
-            "member",
-            members,
-            {"units": "1", "long_name": "nodes of the sets, one set after another"},
+        "node_set_member": Variable(
+            ("member",), members, {"units": "1", "long_name": "nodes of the sets, one set after another"}
         ),
     }
     attributes = {
@@ -179,14 +177,7 @@ def write_discretization(discretization: Discretization, path: str | os.PathLike
         "thickness_units": "m",
         "regular": int(discretization.regular),
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}")
-    try:
-        encoding = {name: {"_FillValue": None} for name in variables if name != "node_set_name"}
-        xr.Dataset(variables, attrs=attributes).to_netcdf(temporary, engine="netcdf4", encoding=encoding)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    write_netcdf(path, variables, attributes)
 
 
 def read_discretization(path: str | os.PathLike[str]) -> Discretization:
@@ -199,13 +190,13 @@ def read_discretization(path: str | os.PathLike[str]) -> Discretization:
     """
     path = Path(path)
     try:
-        data = xr.load_dataset(path, engine="netcdf4", decode_cf=False)
-        arrays = {name: data[name].values for name in _DIMENSIONS}
-        ends = np.cumsum(data["node_set_size"].values)
-        parts = np.split(data["node_set_member"].values, ends[:-1]) if ends.size else []
-        node_sets = dict(zip((str(name) for name in data["node_set_name"].values), parts, strict=True))
-        node_sets[ALL] = np.arange(data.sizes["node"], dtype=np.int32)
-        regular, thickness = bool(data.attrs["regular"]), float(data.attrs["thickness"])
+        data, attributes = read_netcdf(path)
+        arrays = {name: data[name] for name in _DIMENSIONS}
+        ends = np.cumsum(data["node_set_size"])
+        parts = np.split(data["node_set_member"], ends[:-1]) if ends.size else []
+        node_sets = dict(zip((str(name) for name in data["node_set_name"]), parts, strict=True))
+        node_sets[ALL] = np.arange(len(arrays["volume"]), dtype=np.int32)
+        regular, thickness = bool(attributes["regular"]), float(attributes["thickness"])
     except FileNotFoundError as error:
         raise PdheError(f"{path}: no such file of nodes; run the nodes step first") from error
     except (OSError, KeyError, ValueError, RuntimeError) as error:
@@ -222,6 +213,8 @@ def _read_mesh(path: Path, geometry: Geometry) -> tuple[np.ndarray, np.ndarray, 
     """Vertices (nv, 2), cells (n, 3 or 4) and, for each curve group, its segments (m, 2) of vertex numbers."""
     if not path.is_file():
         raise PdheError(f"{path}: no such mesh; run the mesh step first")
+    import meshio.gmsh  # here, because it loads readers of many formats and a solve has no mesh to read
+
     with path.open("rb") as file:
         file.seek(max(0, path.stat().st_size - 64))
         if not file.read().rstrip().rpartition(b"\n")[2].startswith(b"$End"):

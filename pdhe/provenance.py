@@ -6,12 +6,15 @@ docstrings left out, so that rewording an explanation does not ask for a computa
 """
 
 import ast
+import contextlib
 import hashlib
 import json
+import os
 import re
+import sys
 from collections.abc import Iterable
 from functools import cache
-from importlib import metadata
+from importlib import metadata, util
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parent
@@ -79,6 +82,7 @@ def fingerprint(*modules: str) -> str:
     text = hashlib.sha256()
     for name in closure(*modules):
         text.update(f"{name}\0{_module(name)[0]}\0".encode())
+    _KNOWN.save()
     return text.hexdigest()[:12]
 
 
@@ -124,22 +128,87 @@ def _path(name: str) -> Path | None:
 
 @cache
 def _module(name: str) -> tuple[str, tuple[str, ...]]:
-    """Return the code of a module without comments and docstrings, and the package modules it imports."""
+    """Return the digest of a module's code without comments and docstrings, and the package modules it imports."""
     path = _path(name)
     if path is None:
         raise FileNotFoundError(f"no module '{name}' in {PACKAGE}")
-    tree = ast.parse(path.read_bytes(), filename=str(path))
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+    code, candidates = _KNOWN.of(path.read_bytes(), package, str(path))
     imported: dict[str, None] = {}
-    for node in _walk(tree):
-        for candidate in _candidates(node, package):
-            parts = candidate.split(".")
-            for end in range(1, len(parts) + 1):
-                prefix = ".".join(parts[:end])
-                if prefix != name and _path(prefix) is not None:
-                    imported[prefix] = None
+    for candidate in candidates:
+        parts = candidate.split(".")
+        for end in range(1, len(parts) + 1):
+            prefix = ".".join(parts[:end])
+            if prefix != name and _path(prefix) is not None:
+                imported[prefix] = None
+    return code, tuple(imported)
+
+
+def _analysis(source: bytes, package: str, filename: str) -> tuple[str, list[str]]:
+    """Return the digest of the code of a source text, and the names inside the package that it may import."""
+    tree = ast.parse(source, filename=filename)
+    names = {name for node in _walk(tree) for name in _candidates(node, package)}
+    inside = sorted(name for name in names if name.partition(".")[0] == package.partition(".")[0])
     _strip(tree)
-    return ast.unparse(tree), tuple(imported)
+    return hashlib.sha256(ast.unparse(tree).encode()).hexdigest(), inside
+
+
+class _Analyses:
+    """Analyses of source texts, kept from one process to the next: taking every module apart costs 0.3 s.
+
+    They are found by a digest of the text itself, of this module and of the version of Python, so that none can be
+    out of date. The file lies where Python keeps compiled modules; without a place to write, nothing is kept.
+    """
+
+    def __init__(self) -> None:
+        self._entries: dict[str, list] | None = None
+        self._salt = b""
+        self._new = False
+
+    def of(self, source: bytes, package: str, filename: str) -> tuple[str, list[str]]:
+        """Return the analysis of a source text."""
+        if self._entries is None:
+            self._entries = self._load()
+            self._salt = f"{sys.version_info[:2]} ".encode() + hashlib.sha256(Path(__file__).read_bytes()).digest()
+        key = hashlib.sha256(self._salt + f"{package}\0".encode() + source).hexdigest()[:32]
+        if key not in self._entries:
+            self._entries[key] = list(_analysis(source, package, filename))
+            self._new = True
+        code, names = self._entries[key]
+        return code, names
+
+    def save(self) -> None:
+        """Keep what this process needed, if any of it is new."""
+        if not self._new or sys.dont_write_bytecode:
+            return
+        path = self._file()
+        temporary = path.with_name(f".{path.name}.{os.getpid()}")
+        with contextlib.suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            # Those of other processes stay, up to a number that no checkout needs.
+            kept = dict(list(self._entries.items())[-_MOST_ANALYSES:])
+            temporary.write_text(json.dumps(kept), encoding="utf-8")
+            temporary.replace(path)
+        self._new = False
+
+    def _load(self) -> dict[str, list]:
+        try:
+            entries = json.loads(self._file().read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return {}
+        return {
+            key: value
+            for key, value in (entries.items() if isinstance(entries, dict) else ())
+            if isinstance(value, list) and len(value) == 2
+        }
+
+    @staticmethod
+    def _file() -> Path:
+        return Path(util.cache_from_source(__file__)).with_name("pdhe-fingerprints.json")
+
+
+_MOST_ANALYSES = 1000
+_KNOWN = _Analyses()
 
 
 def _walk(tree: ast.AST) -> Iterable[ast.AST]:

@@ -2,21 +2,46 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from pdhe.discretization import Discretization
 from pdhe.errors import PdheError
 from pdhe.fields import field_of
+from pdhe.netcdf import Variable, write_netcdf
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: Fields that are stored compressed in single precision: their error, 6e-8, is far below that of the model.
 SINGLE = {"damage", "coverage"}
+COORDINATES = ("time", "node_x", "node_y", "history_time", "component")
+
+
+@dataclass(frozen=True)
+class Contents:
+    """What a result file holds."""
+
+    variables: dict[str, Variable]
+    attributes: dict[str, Any]
+
+    def dataset(self) -> xr.Dataset:
+        """Return them as a dataset with units, long names and coordinates."""
+        import xarray as xr
+
+        coordinates = {name: self.variables[name] for name in COORDINATES if name in self.variables}
+        variables = {name: variable for name, variable in self.variables.items() if name not in coordinates}
+        return xr.Dataset(variables, coordinates, self.attributes)
+
+    def write(self, path: str | Path) -> None:
+        """Write the file; it appears complete or not at all. Arrays of several dimensions are compressed."""
+        several = [name for name, variable in self.variables.items() if np.ndim(variable.values) > 1]
+        known = [name for name in COORDINATES if name in self.variables]
+        write_netcdf(path, self.variables, self.attributes, known, several, SINGLE)
 
 
 class Recorder:
@@ -42,8 +67,8 @@ class Recorder:
         """Note the bonds that broke at a time."""
         self.broken.append((np.asarray(i), np.asarray(j), time))
 
-    def dataset(self, discretization: Discretization, attributes: dict[str, Any]) -> xr.Dataset:
-        """Assemble everything into a dataset with units, long names and coordinates."""
+    def contents(self, discretization: Discretization, attributes: dict[str, Any]) -> Contents:
+        """Assemble everything, with units, long names and coordinates."""
         d = discretization
         data: dict[str, np.ndarray] = {
             "time": np.array(self.times),
@@ -63,36 +88,25 @@ class Recorder:
         variables = {}
         for name, values in data.items():
             field = field_of(name)
-            variables[name] = (field.dims, values, {"units": field.unit, "long_name": field.long_name})
+            variables[name] = Variable(field.dims, values, {"units": field.unit, "long_name": field.long_name})
+        variables["component"] = Variable(("component",), ["x", "y"])
         sets = {name: nodes.tolist() for name, nodes in d.node_sets.items() if name != "all"}
-        coordinates = {
-            name: variables.pop(name) for name in ("time", "node_x", "node_y", "history_time") if name in variables
-        }
-        coordinates |= {"component": ["x", "y"]}
-        return xr.Dataset(variables, coordinates, {**attributes, "node_sets": json.dumps(sets)})
+        return Contents(variables, {**attributes, "node_sets": json.dumps(sets)})
 
 
 def write_dataset(dataset: xr.Dataset, path: str | Path) -> None:
-    """Write a dataset next to its place and move it there, so that a file under the final name is always whole."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    encoding: dict[str, dict[str, Any]] = {}
-    for name, variable in dataset.data_vars.items():
-        if variable.ndim > 1:
-            encoding[str(name)] = {"zlib": True, "complevel": 1, "shuffle": True}
-        if name in SINGLE:
-            encoding[str(name)]["dtype"] = "float32"
-    try:
-        dataset.to_netcdf(temporary, engine="netcdf4", encoding=encoding)
-        temporary.replace(path)
-    finally:
-        with contextlib.suppress(FileNotFoundError):
-            temporary.unlink()
+    """Write a dataset of a run as :meth:`Contents.write` does."""
+    variables = {
+        str(name): Variable(tuple(map(str, variable.dims)), variable.values, variable.attrs)
+        for name, variable in dataset.variables.items()
+    }
+    Contents(variables, dict(dataset.attrs)).write(path)
 
 
 def open_result(path: str | Path) -> xr.Dataset:
     """Open a result file; raise :class:`PdheError` naming the file if it is missing or not a result."""
+    import xarray as xr
+
     if not Path(path).is_file():
         raise PdheError(f"{path}: no such result; run the study first")
     try:

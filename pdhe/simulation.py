@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 
 from pdhe import advance as moves
 from pdhe.case import Case, build_case
@@ -17,9 +17,12 @@ from pdhe.errors import SimulationError
 from pdhe.kernels import threads_for
 from pdhe.plan import make_plan
 from pdhe.provenance import digest, fingerprint, versions
-from pdhe.results import Recorder, write_dataset
+from pdhe.results import Contents, Recorder
 from pdhe.scene import Scene
 from pdhe.state import State
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: A crack that advances further than this many horizons at one instant is reported as running away.
 RUNAWAY = 2.0
@@ -41,15 +44,17 @@ def solve_case(
     plan = make_plan(case)
     if progress:
         progress(plan)
-    dataset = simulate(case, progress)
-    dataset.attrs |= {
-        "plan": plan,
-        "scene": json.dumps(scene.resolved(), sort_keys=True),
-        "scene_hash": digest(scene.resolved()),
-        "code_fingerprint": fingerprint("pdhe.simulation"),
-        "versions": json.dumps(versions(), sort_keys=True),
-    }
-    write_dataset(dataset, path)
+    contents = _simulate(case, progress)
+    contents.attributes.update(
+        {
+            "plan": plan,
+            "scene": json.dumps(scene.resolved(), sort_keys=True),
+            "scene_hash": digest(scene.resolved()),
+            "code_fingerprint": fingerprint("pdhe.simulation"),
+            "versions": json.dumps(versions(), sort_keys=True),
+        }
+    )
+    contents.write(path)
 
 
 def simulate(case: Case, progress: Progress | None = None) -> xr.Dataset:
@@ -57,11 +62,15 @@ def simulate(case: Case, progress: Progress | None = None) -> xr.Dataset:
 
     Bonds break in the case itself: build a new one for another run.
     """
+    return _simulate(case, progress).dataset()
+
+
+def _simulate(case: Case, progress: Progress | None) -> Contents:
     with threads_for(case.bonds.length.size):
-        return _simulate(case, progress or (lambda text: None))
+        return _run(case, progress or (lambda text: None))
 
 
-def _simulate(case: Case, log: Progress) -> xr.Dataset:
+def _run(case: Case, log: Progress) -> Contents:
     state, recorder = start(case), Recorder()
     if case.rule is not None:
         # Loads that are on from the start may break bonds before any time has passed.
@@ -76,7 +85,7 @@ def _simulate(case: Case, log: Progress) -> xr.Dataset:
     except SimulationError as error:
         raise SimulationError(f"at t = {state.time:.6g} s, failure round {state.failure_rounds}: {error}") from error
     status = "complete" if not runaways else "complete; crack ran away: " + "; ".join(runaways)
-    return recorder.dataset(case.discretization, {"title": case.scene.title, "status": status})
+    return recorder.contents(case.discretization, {"title": case.scene.title, "status": status})
 
 
 def start(case: Case) -> State:

@@ -9,7 +9,7 @@ import math
 import re
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pdhe.errors import PdheError
 
@@ -47,10 +47,21 @@ _QUANTITY = re.compile(rf"\s*({NUMBER})\s*(.*?)\s*", re.DOTALL)
 _EXPONENT = r"[-+]?[0-9]{1,2}(?:\.[0-9]{1,3})?|\([-+]?[0-9]{1,2}/[0-9]{1,2}\)"
 _FACTOR = re.compile(rf"\s*([*/]?)\s*([A-Za-zµμΩ]+)(?:\s*(?:\^|\*\*)\s*({_EXPONENT}))?")
 # fmt: off
-_COMMON_UNITS = (
-    "m", "cm", "mm", "um", "µm", "nm", "km", "in", "ft", "s", "ms", "min", "h", "day", "year", "Pa", "kPa", "MPa",
-    "GPa", "psi", "ksi", "J", "kJ", "mJ", "N", "kN", "kg", "g", "mg", "mol", "mmol", "umol",
-)
+_LENGTH, _TIME, _MASS, _AMOUNT = {"[length]": 1.0}, {"[time]": 1.0}, {"[mass]": 1.0}, {"[substance]": 1.0}
+_FORCE = {"[length]": 1.0, "[mass]": 1.0, "[time]": -2.0}
+_ENERGY = {"[length]": 2.0, "[mass]": 1.0, "[time]": -2.0}
+_STRESS = {"[length]": -1.0, "[mass]": 1.0, "[time]": -2.0}
+_COMMON_UNITS: dict[str, tuple[float, dict[str, float]]] = {
+    "m": (1.0, _LENGTH), "cm": (0.01, _LENGTH), "mm": (0.001, _LENGTH), "um": (1e-6, _LENGTH), "µm": (1e-6, _LENGTH),
+    "nm": (1e-9, _LENGTH), "km": (1000.0, _LENGTH), "in": (0.0254, _LENGTH), "ft": (0.3048, _LENGTH),
+    "s": (1.0, _TIME), "ms": (0.001, _TIME), "min": (60.0, _TIME), "h": (3600.0, _TIME), "day": (86400.0, _TIME),
+    "year": (31557600.0, _TIME), "Pa": (1.0, _STRESS), "kPa": (1e3, _STRESS), "MPa": (1e6, _STRESS),
+    "GPa": (1e9, _STRESS), "J": (1.0, _ENERGY), "kJ": (1e3, _ENERGY), "mJ": (1e-3, _ENERGY), "N": (1.0, _FORCE),
+    "kN": (1e3, _FORCE), "kg": (1.0, _MASS), "g": (0.001, _MASS), "mg": (1e-6, _MASS), "mol": (1.0, _AMOUNT),
+    "mmol": (0.001, _AMOUNT), "umol": (1e-6, _AMOUNT),
+}
+"""SI value and dimensions of the units of nearly every scene: pint, which takes 0.4 s to begin, is asked for others."""
+
 # fmt: on
 
 
@@ -76,14 +87,11 @@ def _registry() -> "pint.UnitRegistry":
 
 
 @lru_cache(maxsize=1024)
-def _unit(text: str) -> tuple[float, Any]:
-    """Return the SI value and the dimensionality of a unit such as ``MPa m^0.5``."""
-    import pint
-
+def _unit(text: str) -> tuple[float, dict[str, float]]:
+    """Return the SI value and the dimensions of a unit such as ``MPa m^0.5``."""
     plain = re.sub(r"sqrt\s*\(\s*([A-Za-z]+)\s*\)|√\s*([A-Za-z]+)", r" \1\2^0.5", text)
     plain = plain.replace("²", "^2").replace("³", "^3").replace("·", " ").replace("%", "percent")
-    registry = _registry()
-    total = registry.Quantity(1.0)
+    total, dimensions = 1.0, dict[str, float]()
     position, previous_end = 0, False
     while position < len(plain):
         match = _FACTOR.match(plain, position)
@@ -91,24 +99,39 @@ def _unit(text: str) -> tuple[float, Any]:
             hint = "write a unit as names with powers, for example `m^2/s` or `MPa m^0.5`"
             raise QuantityError(f"'{text}' is not a unit", hint)
         operator, name, power = match.groups()
+        factor, own = _named(name)
+        exponent = (-1.0 if operator == "/" else 1.0) * _exponent(power)
         try:
-            parsed = registry.parse_units(name)
-            unit = registry.Quantity(1.0, parsed).to_base_units()
-            offset = registry.Quantity(0.0, parsed).to_base_units().magnitude
-        except (pint.errors.PintError, ValueError, TypeError, AttributeError, KeyError):
-            near = difflib.get_close_matches(name, _COMMON_UNITS, 1, 0.4)
-            raise QuantityError(
-                f"'{name}' is not a known unit",
-                (f"did you mean `{near[0]}`? " if near else "") + "Powers need `^`, and capitals matter: `MPa`, `mm`",
-            ) from None
-        if offset != 0.0:
-            raise QuantityError(f"'{name}' is a scale with an offset", "use an absolute unit")
-        try:
-            total = total * unit ** ((-1.0 if operator == "/" else 1.0) * _exponent(power))
-        except (ArithmeticError, pint.errors.PintError):
+            total *= factor**exponent
+        except ArithmeticError:
             raise QuantityError(f"'{text}' is not a usable unit", "use a simpler unit") from None
+        for dimension, value in own.items():
+            dimensions[dimension] = dimensions.get(dimension, 0.0) + exponent * value
         position, previous_end = match.end(), True
-    return round15(total.magnitude), total.dimensionality
+    return round15(total), {dimension: value for dimension, value in dimensions.items() if value != 0.0}
+
+
+@lru_cache(maxsize=1024)
+def _named(name: str) -> tuple[float, dict[str, float]]:
+    """Return the SI value and the dimensions of one name."""
+    if name in _COMMON_UNITS:
+        return _COMMON_UNITS[name]
+    import pint
+
+    registry = _registry()
+    try:
+        parsed = registry.parse_units(name)
+        unit = registry.Quantity(1.0, parsed).to_base_units()
+        offset = registry.Quantity(0.0, parsed).to_base_units().magnitude
+    except (pint.errors.PintError, ValueError, TypeError, AttributeError, KeyError):
+        near = difflib.get_close_matches(name, [*_COMMON_UNITS, "psi", "ksi"], 1, 0.4)
+        raise QuantityError(
+            f"'{name}' is not a known unit",
+            (f"did you mean `{near[0]}`? " if near else "") + "Powers need `^`, and capitals matter: `MPa`, `mm`",
+        ) from None
+    if offset != 0.0:
+        raise QuantityError(f"'{name}' is a scale with an offset", "use an absolute unit")
+    return float(unit.magnitude), {str(dimension): float(value) for dimension, value in unit.dimensionality.items()}
 
 
 def _exponent(text: str | None) -> float:

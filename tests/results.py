@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pdhe.discretization import Discretization
-from pdhe.results import Recorder, write_dataset
+from pdhe.results import Recorder
 
 SPACING, COLUMNS, ROWS, THICKNESS = 5e-3, 8, 4, 4e-3
 DAY = 86400.0
@@ -83,6 +83,5 @@ def write_result(path: Path, physics: str = "mdh", triangles: bool = False, outp
         recorder.row(**row)
         recorder.snapshot(time, **fields)
     scene = {"geometry": {"cracks": [NOTCH] if "m" in physics else []}}
-    dataset = recorder.dataset(d, {"title": "made up", "status": "complete", "scene": json.dumps(scene)})
-    write_dataset(dataset, path)
+    recorder.contents(d, {"title": "made up", "status": "complete", "scene": json.dumps(scene)}).write(path)
     return path

@@ -1,6 +1,8 @@
 """Identity of parameters and of code."""
 
 import importlib.metadata
+import subprocess
+import sys
 
 import pytest
 
@@ -87,3 +89,36 @@ def test_versions_name_the_dependencies():
     found = versions()
     assert found["numpy"] == importlib.metadata.version("numpy")
     assert {"pdhe", "numba", "snakemake"} <= set(found)
+
+
+def test_analyses_are_kept_and_cannot_be_out_of_date(package, tmp_path, monkeypatch):
+    file = tmp_path / "kept" / "fingerprints.json"
+    monkeypatch.setattr(provenance._Analyses, "_file", staticmethod(lambda: file))
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+
+    def fresh():
+        """Fingerprint in a new process, and how many modules it took apart."""
+        taken = []
+        monkeypatch.setattr(provenance, "_KNOWN", provenance._Analyses())
+        monkeypatch.setattr(provenance, "_analysis", lambda *a: taken.append(a) or analysis(*a))
+        provenance._module.cache_clear()
+        return fingerprint("toy.top"), len(taken)
+
+    analysis = provenance._analysis
+    first, count = fresh()
+    assert count == len(closure("toy.top")) == 5
+    assert fresh() == (first, 0)
+    package("leaf.py", "def f():\n    return 2\n")
+    second, count = fresh()
+    assert second != first and count == 1
+    package("leaf.py", 'def f():\n    """Say one."""\n    return 1  # one\n')
+    assert fresh() == (first, 0)
+    file.write_text("[1, 2")
+    assert fresh() == (first, 5)
+    assert fresh() == (first, 0)
+
+
+def test_solve_loads_neither_xarray_nor_a_reader_of_meshes():
+    slow = {"xarray", "pandas", "meshio", "gmsh", "matplotlib", "pint"}
+    code = f"import sys, pdhe.simulation; assert not {slow} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)

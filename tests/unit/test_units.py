@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pdhe import units
 from pdhe.units import KINDS, QuantityError, quantity, ratio
 
 
@@ -40,6 +41,22 @@ def test_conversion(text, kind, expected):
     result = quantity(text, kind)
     assert result == expected
     assert math.copysign(1.0, result) == math.copysign(1.0, expected)
+
+
+@pytest.mark.parametrize("name", units._COMMON_UNITS)
+def test_common_units_are_those_of_pint(name, monkeypatch):
+    value, dimensions = units._named(name)
+    monkeypatch.setattr(units, "_COMMON_UNITS", {})
+    assert units._named.__wrapped__(name) == (pytest.approx(value, rel=1e-15), dimensions)
+    # Rounded to 15 digits, as every quantity is, nothing of the last bit is left.
+    assert units.round15(units._named.__wrapped__(name)[0]) == units.round15(value)
+
+
+def test_units_that_scenes_use_do_not_load_pint():
+    text = "import sys\nfrom pdhe.units import *\nquantity('58.4 MPa m^0.5', 'fracture toughness')\n"
+    for kind in KINDS.values():
+        text += f"quantity({kind.example!r}, {kind.unit!r})\n"
+    subprocess.run([sys.executable, "-c", text + "assert 'pint' not in sys.modules"], check=True)
 
 
 def test_first_fitting_kind_of_several():

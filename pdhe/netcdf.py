@@ -1,0 +1,105 @@
+"""NetCDF files of named arrays, written whole or not at all.
+
+They are written and read with netCDF4 itself: importing xarray takes longer than solving a small scene. What it would
+write, it reads: the coordinates of a variable are named as the CF conventions ask.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import threading
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+
+class Variable(NamedTuple):
+    """An array with the names of its dimensions and its attributes; xarray takes such a tuple as it is."""
+
+    dims: tuple[str, ...]
+    values: Any
+    attributes: Mapping[str, Any] = {}
+
+
+def write_netcdf(
+    path: str | os.PathLike[str],
+    variables: Mapping[str, Variable],
+    attributes: Mapping[str, Any],
+    coordinates: Collection[str] = (),
+    compressed: Collection[str] = (),
+    single: Collection[str] = (),
+) -> None:
+    """Write a NetCDF-4 file next to its place and move it there, so that a file under the final name is always whole.
+
+    Parameters
+    ----------
+    path
+        File; its folder is made.
+    variables
+        Arrays of numbers or of ``str`` objects; equal names of dimensions mean equal lengths.
+    attributes
+        Of the file: text or numbers.
+    coordinates
+        Variables that are coordinates of those that share their dimensions.
+    compressed, single
+        Variables to compress without loss, and to store in single precision.
+    """
+    import netCDF4
+
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    sizes: dict[str, int] = {}
+    for variable in variables.values():
+        sizes |= dict(zip(variable.dims, np.shape(variable.values), strict=True))
+    attached: set[str] = set()
+    with _moved_when_whole(path) as temporary, netCDF4.Dataset(temporary, "w") as file:
+        for name, size in sizes.items():
+            file.createDimension(name, size)
+        for name, (dims, values, own) in variables.items():
+            array = np.asarray(values)
+            text = array.dtype.kind in "OU"
+            kind = str if text else np.float32 if name in single else array.dtype
+            settings = {"zlib": True, "complevel": 1, "shuffle": True} if name in compressed and not text else {}
+            written = file.createVariable(name, kind, dims, **settings, **({} if text else {"fill_value": False}))
+            described = [] if name in coordinates else [c for c in coordinates if _describes(c, variables[c], dims)]
+            attached.update(described)
+            written.setncatts({**own, **({"coordinates": " ".join(described)} if described else {})})
+            written[...] = array.astype(object) if text else array
+        loose = [c for c in coordinates if c not in attached and c not in sizes]
+        file.setncatts({**attributes, **({"coordinates": " ".join(loose)} if loose else {})})
+
+
+def read_netcdf(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Read every array of a file as it is stored, and the attributes of the file.
+
+    Raises
+    ------
+    FileNotFoundError, OSError, RuntimeError
+        The file is missing, or it is damaged.
+    """
+    import netCDF4
+
+    with netCDF4.Dataset(path) as file:
+        file.set_auto_maskandscale(False)
+        arrays = {name: np.asarray(variable[...]) for name, variable in file.variables.items()}
+        return arrays, {name: file.getncattr(name) for name in file.ncattrs()}
+
+
+def _describes(name: str, coordinate: Variable, dims: tuple[str, ...]) -> bool:
+    """Whether a coordinate without a dimension of its own belongs to a variable with these dimensions."""
+    return coordinate.dims != (name,) and set(coordinate.dims) <= set(dims)
+
+
+@contextlib.contextmanager
+def _moved_when_whole(path: Path) -> Iterator[Path]:
+    """Give a name to write to, which is moved to its place afterwards, or removed where writing fails."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}.part")
+    try:
+        yield temporary
+        temporary.replace(path)
+    finally:
+        with contextlib.suppress(FileNotFoundError):
+            temporary.unlink()
