@@ -50,12 +50,12 @@ class SuperStepper:
         """
         supply, left = np.zeros_like(psi), span
         low, high = self._bounds(psi)
-        rate, flux = self._rates(psi)
+        rate, flux = self.rates(psi)
         step = max(first, self.shortest)
         while left > 0.0:
             length = min(step, left, self.longest)
-            new, entered = self._stages(psi, rate, flux, length)
-            new_rate, new_flux = self._rates(new)
+            new, entered = self.step(psi, rate, flux, length, self.stages(length))
+            new_rate, new_flux = self.rates(new)
             error = float(np.abs(0.8 * (psi - new) + 0.4 * length * (rate + new_rate)).max())
             growth = 0.8 * (TOLERANCE / max(error, 1e-300)) ** (1.0 / 3.0)
             outside = new.min() < low - BOUND_SLACK or new.max() > high + BOUND_SLACK
@@ -64,7 +64,7 @@ class SuperStepper:
                     step = max(length * min(0.5, max(0.2, growth)), self.shortest)
                     continue
                 new, entered, length = self._plain(psi, min(left, self.shortest))
-                new_rate, new_flux = self._rates(new)
+                new_rate, new_flux = self.rates(new)
                 step = self.shortest
             else:
                 # A step that the end of the stretch cut off says nothing against longer ones.
@@ -91,19 +91,26 @@ class SuperStepper:
         values = np.concatenate([psi, edge])
         return float(values.min()), float(values.max())
 
-    def _rates(self, psi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def rates(self, psi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rate of change of the coverage, 1/s, and flow in through each node, m^3/s."""
         new, flux = np.empty_like(psi), np.zeros_like(psi)
         self.diffusion.step(psi, 1.0, self.held, self.source, new, flux)
         self.sweeps += 1
         return new - psi, flux
 
-    def _stages(
-        self, psi: np.ndarray, rate: np.ndarray, flux: np.ndarray, length: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """One step (eq. 4.10); what enters obeys the same recursion as the coverage, so that the balance closes."""
+    def stages(self, length: float) -> int:
+        """Fewest stages that carry so far (eq. 4.8); odd numbers, which damp the shortest waves best."""
         stages = min(MOST_STAGES, max(3, math.ceil(0.5 * (math.sqrt(9.0 + 16.0 * length / self.short) - 1.0))))
-        stages += 1 - stages % 2  # odd numbers damp the shortest waves best
+        return stages + 1 - stages % 2
+
+    def step(
+        self, psi: np.ndarray, rate: np.ndarray, flux: np.ndarray, length: float, stages: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """One step of a length, s, in some stages, from a coverage and what :meth:`rates` says of it (eq. 4.10).
+
+        Gives the coverage at the end and what entered through each node, m^3. The latter obeys the same recursion as
+        the coverage, so that the balance closes.
+        """
         weight = [1.0 / 3.0] * 3 + [(j * j + j - 2.0) / (2.0 * j * (j + 1.0)) for j in range(3, stages + 1)]
         unit = 4.0 * length / (stages * stages + stages - 2.0)
         before, here = psi, psi + weight[1] * unit * rate
@@ -111,7 +118,7 @@ class SuperStepper:
         for j in range(2, stages + 1):
             mu = (2.0 * j - 1.0) / j * weight[j] / weight[j - 1]
             nu = -(j - 1.0) / j * weight[j] / weight[j - 2]
-            now, now_flux = self._rates(here)
+            now, now_flux = self.rates(here)
             back = (1.0 - weight[j - 1]) * mu * unit
             following = mu * here + nu * before + (1.0 - mu - nu) * psi + (mu * unit) * now - back * rate
             entering = mu * entered + nu * entered_before + (mu * unit) * now_flux - back * flux

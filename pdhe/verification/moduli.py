@@ -229,7 +229,8 @@ def _drawing(table: list[dict[str, Any]], profiles: dict[str, tuple[np.ndarray, 
         left.set_xticks(ticks, partials * len(ratios), rotation=60, fontsize=7)
         for i, m in enumerate(ratios):
             place = i * (len(partials) + 1) + 0.5 * (len(partials) - 1)
-            left.text(place, 1.01, f"m = {m:g}", ha="center", fontsize=8, transform=left.get_xaxis_transform())
+            left.text(place, 0.02, f"m = {m:g}", ha="center", fontsize=8, transform=left.get_xaxis_transform())
+        left.set_ylim(bottom=0.83)  # room for the text
         label(left, "partial volumes", "overall Young's modulus / input")
         left.legend(fontsize=7, frameon=False, loc="best")
         for k, (weights, (x, strain)) in enumerate(profiles.items()):

@@ -325,9 +325,9 @@ def _drawing(paths: dict[tuple, CrackPath], ratios: tuple[float, ...], nodes: tu
         right.set_xticks(place, names, rotation=70, fontsize=7)
         for k, ratio in enumerate(ratios):
             at = k * len(nodes) + 0.5 * (len(nodes) - 1)
-            right.text(at, 1.01, f"m = {ratio:g}", ha="center", fontsize=8, transform=right.get_xaxis_transform())
+            right.text(at, 0.02, f"m = {ratio:g}", ha="center", fontsize=8, transform=right.get_xaxis_transform())
         label(right, "nodes", "recovered fracture energy / $G_c$")
-        right.set_ylim(0.8, 2.4)
+        right.set_ylim(0.72, 2.4)
         right.legend(fontsize=6.5, frameon=False, ncols=2, loc="upper right")
 
     return draw

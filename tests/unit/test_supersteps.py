@@ -41,7 +41,7 @@ def test_second_order_in_time(slab):
     for count in counts:
         here = psi
         for _ in range(count):
-            here, _ = stepper._stages(here, *stepper._rates(here), span / count)
+            here, _ = stepper.step(here, *stepper.rates(here), span / count, stepper.stages(span / count))
         errors.append(np.abs(here - exact).max())
     orders = np.diff(np.log(errors)) / np.diff(np.log(counts))
     assert errors[0] > 1e-7
