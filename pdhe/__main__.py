@@ -2,6 +2,6 @@
 
 import sys
 
-from pdhe.cli import main
+from pdhe.warm import main
 
-sys.exit(main())
+sys.exit(main(sys.argv[1:]))

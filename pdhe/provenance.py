@@ -98,6 +98,7 @@ def closure(*modules: str) -> tuple[str, ...]:
     return tuple(sorted(found))
 
 
+@cache
 def versions() -> dict[str, str]:
     """Return the installed versions of the package and of the packages it declares as dependencies, by name."""
     try:

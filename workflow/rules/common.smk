@@ -13,9 +13,7 @@ from pdhe.provenance import canonical, digest, fingerprint
 from pdhe.study import load_studies
 from pdhe.verification.studies import load_checks
 from pdhe.verification.topics import TOPICS
-
-# Jobs find the programs of this environment, whether or not it is activated.
-shell.prefix(f"export PATH={Path(sys.executable).parent}:$PATH; ")
+from pdhe.warm import MANY_CASES, folder_for
 
 try:
     STUDIES = {study.name: study for study in load_studies(config, workflow.configfiles)}
@@ -38,6 +36,13 @@ PICTURES = [
 ]
 INDEXES = [f"results/{study}/cases.csv" for study in STUDIES]
 
+# Jobs find the programs of this environment, whether or not it is activated. In a large study that runs on this
+# machine, they share processes in which everything is imported already.
+environment = f"export PATH={shlex.quote(str(Path(sys.executable).parent))}:$PATH; "
+if len(SOLVES) >= MANY_CASES and workflow.is_main_process:
+    environment += f"export PDHE_WARM={shlex.quote(folder_for(os.getpid()))}; "
+shell.prefix(environment)
+
 REPORTS = [f"results/verification/{topic}/report.json" for topic in CHECKS]
 
 # A study that was given on the command line has a report of its own.
@@ -57,7 +62,7 @@ wildcard_constraints:
     measurement="|".join(map(re.escape, MEASUREMENTS)),
     topic="|".join(map(re.escape, CHECKS)),
     study="|".join(map(re.escape, STUDIES)),
-    case="|".join(map(re.escape, dict.fromkeys(name for _, name in CASES))),
+    case="[^/]+",
     kind="damage|displacement|coverage",
     mesh_id="[^/]+",
     solve_id="[^/]+",
@@ -76,7 +81,10 @@ def nodes_of(wildcards):
 
 
 def result_of(wildcards):
-    return f"results/store/solve/{CASES[wildcards.study, wildcards.case].solve_id}.nc"
+    case = CASES.get((wildcards.study, wildcards.case))
+    if case is None:
+        raise ValueError(f"the study '{wildcards.study}' has no case '{wildcards.case}'")
+    return f"results/store/solve/{case.solve_id}.nc"
 
 
 def solutions_of(wildcards):
