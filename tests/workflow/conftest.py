@@ -16,10 +16,9 @@ PARTS = ("Snakefile", "workflow", "config", "profiles", "pdhe")
 
 # Stands in for pdhe/cli.py, which belongs to no fingerprint: all that Snakemake decides on is the real thing.
 STUB = """
-import pathlib, sys
+import pathlib
 
-def main():
-    words = sys.argv[1:]
+def main(words):
     for option, value in zip(words, words[1:]):
         if option.startswith("--out"):
             pathlib.Path(value).write_text(" ".join(words))
