@@ -164,15 +164,46 @@ class Body:
 
     def diagonal(self) -> np.ndarray:
         """Diagonal of the stiffness with the rotations held, N/m (n, 2): an upper bound of the true diagonal."""
-        b, scale = self.bonds, self.cubed * self.bonds.length**2
+        b, out = self.bonds, np.empty((self.bonds.node_count, 2))
         tangential = max(self.tangential, 0.0)
-        parts = np.column_stack(
-            [
-                scale * (self.normal * b.nx**2 + tangential * b.ny**2),
-                scale * (self.normal * b.ny**2 + tangential * b.nx**2),
-            ]
+        mechanics.stiffness_diagonal(
+            b.offsets, b.neighbours, self.coordinates, self.cubed, self.normal, tangential, out
         )
-        return b.sum_by_node(parts)
+        return out
+
+    def short_stiffness(self, reach: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Stiffness of short bonds alone, scaled to the energy that all bonds have under a uniform strain, N/m.
+
+        Parameters
+        ----------
+        reach
+            A bond counts as short if it is no longer than the sum of its ends', m (n,).
+        free
+            1 for a free degree of freedom, 0 for a fixed one (n, 2). Fixed ones keep a diagonal entry only.
+
+        Returns
+        -------
+        starts, column, value
+            Blocks of 2 by 2 in compressed rows: int32 (n + 1,), int32 (k,) ascending within a row, and (k, 2, 2).
+        """
+        b, n = self.bonds, self.bonds.node_count
+        count, sums = np.empty(n, np.int32), np.empty((n, 2))
+        mechanics.count_short(b.offsets, b.neighbours, self.cubed, reach, b.weight, b.length, count, sums)
+        short, whole = sums.sum(axis=0)
+        scale = self.normal * whole / max(short, np.finfo(float).tiny)
+        starts = np.concatenate([[0], np.cumsum(count + 1)]).astype(np.int32)
+        column, value = np.empty(starts[-1], np.int32), np.empty((starts[-1], 2, 2))
+        own = np.empty(n, np.int32)
+        mechanics.fill_short(
+            b.offsets, b.neighbours, self.coordinates, self.cubed, reach, b.length, free, scale, starts, column, value,
+            own,
+        )  # fmt: skip
+        # A fixed degree of freedom, or one across a row of nodes, resists nothing: it gets an entry of the usual size.
+        for axis in range(2):
+            diagonal = value[own, axis, axis]
+            typical = float(diagonal.max(initial=0.0)) or 1.0
+            value[own, axis, axis] = np.where(diagonal > 1e-9 * typical, diagonal, typical)
+        return starts, column, value
 
     def bond_loads(self, u: np.ndarray, by_energy: bool) -> np.ndarray:
         """Load of every directed bond, broken ones included, (b,): see :func:`pdhe.kernels.mechanics.bond_load`."""

@@ -86,6 +86,83 @@ def internal_force(offsets, neighbours, x, cubed, share, normal, tangential, u, 
 
 
 @kernel
+def stiffness_diagonal(offsets, neighbours, x, cubed, normal, tangential, diagonal):
+    """Write the diagonal of the stiffness with the rotations held, N/m, into ``diagonal`` of shape (n, 2)."""
+    for i in prange(offsets.size - 1):
+        along_x = 0.0
+        along_y = 0.0
+        for k in range(uint64(offsets[i]), uint64(offsets[i + 1])):
+            j = uint32(neighbours[k])
+            dx = x[j, 0] - x[i, 0]
+            dy = x[j, 1] - x[i, 1]
+            along_x += cubed[k] * (normal * dx * dx + tangential * dy * dy)
+            along_y += cubed[k] * (normal * dy * dy + tangential * dx * dx)
+        diagonal[i, 0] = along_x
+        diagonal[i, 1] = along_y
+
+
+@kernel
+def count_short(offsets, neighbours, cubed, reach, weight, length, count, stiffness):
+    """Count the unbroken bonds of each node that are no longer than the sum of the ``reach`` of their ends, m (n,).
+
+    ``stiffness`` (n, 2) gets the sums of weight times length over such bonds, broken ones included, and over all bonds.
+    """
+    for i in prange(offsets.size - 1):
+        found = 0
+        short = 0.0
+        whole = 0.0
+        for k in range(uint64(offsets[i]), uint64(offsets[i + 1])):
+            value = weight[k] * length[k]
+            whole += value
+            if length[k] <= reach[i] + reach[uint32(neighbours[k])]:
+                short += value
+                if cubed[k] > 0.0:
+                    found += 1
+        count[i] = found
+        stiffness[i, 0] = short
+        stiffness[i, 1] = whole
+
+
+@kernel
+def fill_short(offsets, neighbours, x, cubed, reach, length, free, scale, starts, column, value, own):
+    """Write the stiffness of those bonds alone, times ``scale``, as 2 by 2 blocks in compressed rows.
+
+    The block of a node with itself is number ``own[i]``. Entries of fixed degrees of freedom (``free`` 0) are zero.
+    """
+    for i in prange(offsets.size - 1):
+        at = starts[i]
+        middle = -1
+        xx = 0.0
+        xy = 0.0
+        yy = 0.0
+        for k in range(offsets[i], offsets[i + 1]):
+            j = neighbours[k]
+            if middle < 0 and j > i:
+                middle = at
+                at += 1
+            if cubed[k] > 0.0 and length[k] <= reach[i] + reach[j]:
+                dx = x[j, 0] - x[i, 0]
+                dy = x[j, 1] - x[i, 1]
+                c = scale * cubed[k]
+                xx += c * dx * dx
+                xy += c * dx * dy
+                yy += c * dy * dy
+                column[at] = j
+                value[at, 0, 0] = -c * dx * dx * free[i, 0] * free[j, 0]
+                value[at, 0, 1] = -c * dx * dy * free[i, 0] * free[j, 1]
+                value[at, 1, 0] = -c * dx * dy * free[i, 1] * free[j, 0]
+                value[at, 1, 1] = -c * dy * dy * free[i, 1] * free[j, 1]
+                at += 1
+        if middle < 0:
+            middle = at
+        own[i] = middle
+        column[middle] = i
+        value[middle, 0, 0] = xx * free[i, 0]
+        value[middle, 1, 1] = yy * free[i, 1]
+        value[middle, 0, 1] = value[middle, 1, 0] = xy * free[i, 0] * free[i, 1]
+
+
+@kernel
 def elastic_energy(offsets, neighbours, x, cubed, share, normal, tangential, u, spin, energy):
     """Write the elastic energy of each node, J: half of that of its bonds."""
     for i in prange(offsets.size - 1):
