@@ -5,6 +5,7 @@
     snakemake --cores 2 figures                                     pictures and animations only
     snakemake --cores 2 verification                                every check of the verification, and its page
     snakemake --cores 2 benchmarks                                  how fast everything is, and its page
+    snakemake --cores 2 tradeoff                                    speed against accuracy, and its page
     snakemake -n                                                    what would run, and why
 
 Meshes and solutions are kept under results/store by a digest of the parameters they depend on, so that studies share
@@ -30,6 +31,7 @@ include: "workflow/rules/figures.smk"
 include: "workflow/rules/report.smk"
 include: "workflow/rules/verification.smk"
 include: "workflow/rules/benchmarks.smk"
+include: "workflow/rules/tradeoff.smk"
 
 
 localrules:
@@ -37,6 +39,7 @@ localrules:
     benchmarks,
     figures,
     results,
+    tradeoff,
     verification,
 
 
@@ -52,6 +55,11 @@ rule benchmarks:
         "results/benchmarks/benchmarks.json",
 
 
+rule tradeoff:
+    input:
+        "results/tradeoff/index.html",
+
+
 rule results:
     input:
         SOLUTIONS,
@@ -63,7 +71,7 @@ rule results:
 rule all:
     default_target: True
     input:
-        rules.verification.input if "check" in config else rules.results.input + [REPORT],
+        DEFAULT or rules.results.input + [REPORT],
 
 
 rule figures:

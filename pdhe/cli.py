@@ -114,6 +114,11 @@ def validate(arguments: argparse.Namespace) -> None:
                 from pdhe.verification.studies import load_check
 
                 print(f"{file}: check of {load_check(str(file)).topic}")
+            elif isinstance(content, dict) and "tradeoff" in content:
+                from pdhe.tradeoff.design import load_design
+
+                runs = sum(len(list(trade.runs())) for trade in load_design(file).values())
+                print(f"{file}: design with {runs} runs")
             elif isinstance(content, dict) and "study" in content:
                 print(f"{file}: study with {len(load_study(file).cases)} case(s)")
             else:
@@ -241,6 +246,29 @@ def benchmark_compare(arguments: argparse.Namespace) -> None:
         print(line)
 
 
+def trade(arguments: argparse.Namespace) -> None:
+    """Run one scene of a design with all its settings and write errors and costs."""
+    from pdhe.tradeoff.design import load_design
+    from pdhe.tradeoff.measure import measure
+
+    trades = load_design(arguments.design)
+    if arguments.scene not in trades:
+        raise PdheError(f"{arguments.design}: no scene '{arguments.scene}'; there are {', '.join(trades)}")
+    measure(trades[arguments.scene], _progress).write(arguments.out)
+
+
+def tradeoff_page(arguments: argparse.Namespace) -> None:
+    """Gather the scenes of a design in one picture, one table and one page."""
+    from pdhe.tradeoff.page import as_csv, as_html, as_markdown, draw, gather
+
+    scenes = gather(arguments.folders)
+    draw(scenes, _ready(arguments.picture))
+    _write(arguments.csv, as_csv(scenes))
+    _write(arguments.out, as_html(scenes, arguments.picture))
+    if arguments.markdown:
+        _write(arguments.markdown, as_markdown(scenes))
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="pdhe", description="Studies of hydrogen-assisted fracture.")
     parser.add_argument("--version", action="version", version=f"pdhe {_version()}")
@@ -300,6 +328,15 @@ def _parser() -> argparse.ArgumentParser:
     add(benchmark_page, results, file("--out", help="page to write"), file("--json", help="numbers to write"), tables)
     runs = [option(name, type=Path, metavar=name.upper(), help=f"benchmarks.json, {name}") for name in ("old", "new")]
     add(benchmark_compare, *runs)
+    add(
+        trade,
+        option("design", type=Path, metavar="DESIGN", help="file of the design"),
+        option("--scene", required=True, metavar="NAME", help="scene of it"),
+        folder,
+    )
+    measured = option("folders", nargs="+", type=Path, metavar="FOLDER", help="folder of a measured scene")
+    picture, numbers = file("--picture", help="picture to write"), file("--csv", help="table of all runs to write")
+    add(tradeoff_page, measured, file("--out", help="page to write"), picture, numbers, tables)
     return parser
 
 

@@ -153,7 +153,7 @@ def load_studies(config: Mapping[str, Any], configfiles: Iterable[str | Path] = 
     config
         Keys ``studies`` (list of study files), ``figures`` (style for all) and, from a study file that was itself
         given as configuration, ``study``; only the latter runs then. ``verification`` and ``check`` belong to
-        :mod:`pdhe.verification.studies`.
+        :mod:`pdhe.verification.studies`, ``tradeoff`` to :mod:`pdhe.tradeoff.design`.
     configfiles
         Files the configuration came from. Those that hold a ``study`` are read again from the file, each by itself.
 
@@ -163,10 +163,10 @@ def load_studies(config: Mapping[str, Any], configfiles: Iterable[str | Path] = 
         For anything in the configuration, the studies or their scenes that cannot be used.
     """
     source = "configuration"
-    known = ("studies", "figures", "study", "verification", "check", "benchmarks")
+    known = ("studies", "figures", "study", "verification", "check", "benchmarks", "tradeoff")
     for key in config:
         _known(source, key, known)
-    if "check" in config:
+    if "check" in config or isinstance(config.get("tradeoff"), Mapping):
         return ()
     if "study" in config:
         files = [str(file) for file in configfiles if "study" in (read_yaml(file) or {})]

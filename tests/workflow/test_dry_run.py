@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-STUDIES = sorted(path.name for path in (Path(__file__).parents[2] / "config/studies").glob("*.yaml"))
+FILES = sorted((Path(__file__).parents[2] / "config/studies").glob("*.yaml"))
+STUDIES = [path.name for path in FILES if path.name != "tradeoff.yaml"]
 
 
 @pytest.mark.parametrize("name", STUDIES)
@@ -12,6 +13,14 @@ def test_study_can_be_planned(name, pristine):
     plan = pristine.plan("--configfile", f"config/studies/{name}")
     assert plan["solve"] >= 1
     assert plan["report"] == 1
+
+
+@pytest.mark.parametrize("arguments", [("tradeoff",), ("--configfile", "config/studies/tradeoff.yaml")])
+def test_design_can_be_planned(arguments, pristine):
+    plan = pristine.plan(*arguments)
+    assert plan["trade"] >= 4
+    assert plan["tradeoff_page"] == 1
+    assert "solve" not in plan
 
 
 def test_configured_studies_can_be_planned(pristine):

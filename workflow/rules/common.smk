@@ -11,6 +11,7 @@ from pdhe.benchmarks.registry import BENCHMARKS, configured
 from pdhe.errors import PdheError
 from pdhe.provenance import canonical, digest, fingerprint
 from pdhe.study import load_studies
+from pdhe.tradeoff.design import load_trades
 from pdhe.verification.studies import load_checks
 from pdhe.verification.topics import TOPICS
 from pdhe.warm import MANY_CASES, folder_for
@@ -19,6 +20,7 @@ try:
     STUDIES = {study.name: study for study in load_studies(config, workflow.configfiles)}
     CHECKS = {check.topic: check for check in load_checks(config, workflow.configfiles)}
     MEASUREMENTS = configured(config)
+    TRADES = load_trades(config, workflow.configfiles)
 except PdheError as error:
     sys.exit(f"error: {error}")
 
@@ -43,6 +45,14 @@ if len(SOLVES) >= MANY_CASES and workflow.is_main_process:
     environment += f"export PDHE_WARM={shlex.quote(folder_for(os.getpid()))}; "
 shell.prefix(environment)
 
+# What runs when no target is named: for a file given as configuration, what that file asks for.
+if "check" in config:
+    DEFAULT = ["results/verification/index.html", "results/verification/passed.txt"]
+elif isinstance(config.get("tradeoff"), dict):
+    DEFAULT = ["results/tradeoff/index.html"]
+else:
+    DEFAULT = None
+
 REPORTS = [f"results/verification/{topic}/report.json" for topic in CHECKS]
 
 # A study that was given on the command line has a report of its own.
@@ -60,6 +70,7 @@ if workflow.config_settings.config:
 
 wildcard_constraints:
     measurement="|".join(map(re.escape, MEASUREMENTS)),
+    trade="|".join(map(re.escape, TRADES)),
     topic="|".join(map(re.escape, CHECKS)),
     study="|".join(map(re.escape, STUDIES)),
     case="[^/]+",

@@ -1,0 +1,154 @@
+"""Quantities of interest of a result, their limit at zero spacing, and how far a run is from it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from scipy.optimize import minimize_scalar
+
+from pdhe.scene import Scene
+
+#: Times at which histories are compared.
+SAMPLES = 40
+#: Orders of convergence that are believed.
+ORDERS = (0.5, 3.0)
+#: An order other than the first is believed where its fit leaves less than this share of the misfit.
+CLEARLY = 0.5
+#: Error of a quantity that does not exist, such as the time of a failure that does not happen.
+MISSING = 1.0
+
+
+def values_of(result: xr.Dataset, scene: Scene, names: Sequence[str], failure: float) -> dict[str, np.ndarray]:
+    """Quantities of a result by name, SI: numbers as arrays of one, histories at :data:`SAMPLES` equal times.
+
+    Parameters
+    ----------
+    names
+        Out of :data:`pdhe.tradeoff.design.QUANTITIES`.
+    failure
+        Growth of the crack that counts as failure, m.
+    """
+    return {name: np.atleast_1d(np.asarray(_VALUES[name](result, scene, failure), float)) for name in names}
+
+
+def _times(scene: Scene) -> np.ndarray:
+    return scene.time.end * np.arange(1, SAMPLES + 1) / SAMPLES
+
+
+def _growth(result: xr.Dataset) -> np.ndarray:
+    # The equivalent length counts every broken bond: it has no jumps of a cell, as the place of the tip has.
+    return result["crack_length"].values - result["crack_length"].values[0]
+
+
+def _crack(result: xr.Dataset, scene: Scene, failure: float) -> np.ndarray:
+    # Constant between failures: the last entry until each time is the value at it.
+    last = np.searchsorted(result["history_time"].values, _times(scene), side="right") - 1
+    return _growth(result)[last]
+
+
+def _failure_time(result: xr.Dataset, scene: Scene, failure: float) -> float:
+    reached = _growth(result) >= failure
+    return float(result["history_time"].values[reached.argmax()]) if reached.any() else np.nan
+
+
+def _reaction(result: xr.Dataset, scene: Scene, failure: float) -> np.ndarray:
+    values = np.abs(result["reaction_top_y"].values)
+    return values[-1] if scene.time.end == 0.0 else np.interp(_times(scene), result["history_time"].values, values)
+
+
+def _peak_reaction(result: xr.Dataset, scene: Scene, failure: float) -> float:
+    return float(np.abs(result["reaction_top_y"].values).max())
+
+
+def _opening(result: xr.Dataset, scene: Scene, failure: float) -> float:
+    lips = json.loads(result.attrs["node_sets"])[scene.geometry.cracks[0].name]
+    return float(np.ptp(result["displacement"].values[-1, lips, 1]))
+
+
+def _mean_damage(result: xr.Dataset, scene: Scene, failure: float) -> float:
+    # A crack damages a band as wide as the horizon: only the ratio has a limit.
+    return float(result["mean_damage"].values[-1]) / scene.horizon_length
+
+
+def _mean_coverage(result: xr.Dataset, scene: Scene, failure: float) -> np.ndarray:
+    return np.interp(_times(scene), result["history_time"].values, result["mean_coverage"].values)
+
+
+def _far_coverage(result: xr.Dataset, scene: Scene, failure: float) -> float:
+    return float(result["coverage"].values[-1, json.loads(result.attrs["node_sets"])["right"]].mean())
+
+
+_VALUES: dict[str, Callable[[xr.Dataset, Scene, float], np.ndarray | float]] = {
+    "crack": _crack,
+    "failure_time": _failure_time,
+    "reaction": _reaction,
+    "peak_reaction": _peak_reaction,
+    "opening": _opening,
+    "mean_damage": _mean_damage,
+    "mean_coverage": _mean_coverage,
+    "far_coverage": _far_coverage,
+}
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A quantity at zero spacing.
+
+    Attributes
+    ----------
+    value
+        The limit, SI.
+    order
+        Order of convergence of the fit.
+    uncertainty
+        Largest distance from it of the limits that the same fit gives without one of the meshes, relative.
+    finest
+        Distance of the finest mesh from the limit, relative.
+    """
+
+    value: np.ndarray
+    order: float
+    uncertainty: float
+    finest: float
+
+    def error(self, value: np.ndarray) -> float:
+        """Mean distance of a value from the limit, relative to the limit's largest entry."""
+        return distance(value, self.value)
+
+
+def distance(value: np.ndarray, limit: np.ndarray) -> float:
+    """Mean distance of a value from a limit, relative to the limit's largest entry."""
+    scale = float(np.abs(limit).max())
+    if scale == 0.0:
+        return 0.0 if not np.any(value) else MISSING
+    return float(np.nan_to_num(np.abs(value - limit), nan=MISSING * scale).mean()) / scale
+
+
+def limit_of(spacings: Sequence[float], values: Sequence[np.ndarray]) -> Limit:
+    """Extrapolate a quantity to zero spacing (Richardson): least squares of ``q + c h^p`` over at least four meshes.
+
+    Fits use all meshes, because those of fracture scatter (a crack advances cell by cell), and extrapolating the two
+    finest would multiply their scatter (Eça and Hoekstra, J. Comput. Phys. 262, 2014).
+    """
+    h, q = np.asarray(spacings, float), np.array(values, float)
+    value, order = _fit(h, q)
+    kept = [np.arange(h.size) != k for k in range(h.size)]
+    spread = max(distance(_fit(h[rows], q[rows])[0], value) for rows in kept)
+    return Limit(value, order, spread, distance(q[-1], value))
+
+
+def _fit(h: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, float]:
+    """Limit and order of the best fit; first order where another order is not clearly better."""
+
+    def off(order: float) -> tuple[float, np.ndarray]:
+        basis = np.column_stack([np.ones_like(h), (h / h.max()) ** order])
+        found, *_ = np.linalg.lstsq(basis, q, rcond=None)
+        return float(np.abs(basis @ found - q).mean()), found[0]
+
+    best = minimize_scalar(lambda order: off(order)[0], bounds=ORDERS, method="bounded", options={"xatol": 1e-9}).x
+    order = float(best) if off(best)[0] < CLEARLY * off(1.0)[0] else 1.0
+    return off(order)[1], order
