@@ -37,8 +37,8 @@ class Lattice:
     node_count: int
 
     def arrange(self, values: np.ndarray, owner: np.ndarray) -> np.ndarray:
-        """Arrange a bond quantity by offset, (b,) to (o, n); zero where there is no bond."""
-        result = np.zeros((self.step.size, self.node_count))
+        """Arrange a bond quantity by offset, (b,) to (o, n) of the same precision; zero where there is no bond."""
+        result = np.zeros((self.step.size, self.node_count), values.dtype)
         result[self.offset, owner] = values
         return result
 

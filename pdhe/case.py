@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,8 @@ from pdhe.transport import Diffusion, Edge, build_diffusion
 
 #: Equilibrium solvers by the name that scenes use.
 SOLVERS = {"conjugate gradients": Equilibrium, "dynamic relaxation": DynamicRelaxation}
+#: Storage of bond weights and rates by the name that scenes use.
+PRECISIONS = {"double": np.float64, "single": np.float32}
 EDGES = ("left", "right", "bottom", "top")
 
 
@@ -93,7 +95,7 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
             d.coordinates,
             (scene.geometry.width, scene.geometry.height),
         )
-        body = Body(bonds, model, d.coordinates, d.volume)
+        body = Body(bonds, model, d.coordinates, d.volume, PRECISIONS[scene.solver.precision])
         equilibrium = SOLVERS[scene.solver.method](
             body, conditions.fixed, d.coordinates, d.spacing, scene.solver.tolerance, scene.solver.max_iterations
         )
@@ -139,7 +141,8 @@ def _diffusion(scene: Scene, d: Discretization, bonds: Bonds, partial: str) -> D
     size = {"left": (0, 0.0), "right": (0, scene.geometry.width), "bottom": (1, 0.0), "top": (1, scene.geometry.height)}
     edges = {name: Edge(axis, position) for name, (axis, position) in size.items()}
     prescribed = {condition.on for condition in scene.hydrogen.boundary} & set(EDGES)
-    return build_diffusion(
+    diffusion = build_diffusion(
         bonds, d.coordinates, d.volume, d.spacing, d.thickness, scene.material.diffusivity, scene.hydrogen.kernel,
         partial, edges, prescribed,
     )  # fmt: skip
+    return replace(diffusion, rate=diffusion.rate.astype(PRECISIONS[scene.solver.precision], copy=False))

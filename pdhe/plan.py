@@ -48,6 +48,7 @@ def _mechanics(case: Case) -> str:
     return (
         f"mechanics: on, {case.scene.mechanics.model}, weights {case.scene.mechanics.weights}, "
         f"{cut} bonds cut by pre-cracks, equilibrium by {case.scene.solver.method} to {case.equilibrium.tolerance:g}"
+        + (", weights in single precision" if case.body.cubed.dtype == np.float32 else "")
     )
 
 

@@ -217,11 +217,15 @@ class Stepping(Block):
 
 
 class Solver(Block):
-    """How an equilibrium is found: method, relative residual at which it counts as found, and most iterations."""
+    """How an equilibrium is found: method, relative residual at which it counts as found, and most iterations.
+
+    ``precision`` is that in which bond weights and diffusion rates are stored; sums are double in any case.
+    """
 
     method: Annotated[str, choice("conjugate gradients", "dynamic relaxation")] = "conjugate gradients"
     tolerance: fields.Tolerance = 1e-6
     max_iterations: fields.Count = 5000
+    precision: Annotated[str, choice("double", "single")] = "double"
 
 
 class Outputs(Block):
