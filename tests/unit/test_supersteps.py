@@ -58,7 +58,7 @@ def test_accurate_at_a_fraction_of_the_sweeps(slab):
     assert np.abs(psi - exact).max() < 3 * supersteps.TOLERANCE  # measured 0.8 of it
     assert stepper.sweeps < sweeps / 20
     content = float(psi @ slab.volume)
-    assert float(supply.sum()) == pytest.approx(content, rel=1e-10)  # measured 3e-12
+    assert float(supply.sum()) == pytest.approx(content, rel=1e-13)  # measured 2e-15
 
 
 @settings(max_examples=40, deadline=None)
@@ -80,7 +80,7 @@ def test_never_leaves_the_bounds_of_the_data(slab, seed, edge, held_share, lengt
     assert low - 1e-11 <= new.min() and new.max() <= high + 1e-11
     assert np.all(new[held] == psi[held])
     change = float((new - psi) @ slab.volume)
-    assert abs(float(supply.sum()) - change) <= 1e-10 * float(slab.volume.sum())
+    assert abs(float(supply.sum()) - change) <= 1e-12 * float(slab.volume.sum())
 
 
 def test_a_uniform_field_takes_the_longest_steps(slab):
@@ -88,5 +88,6 @@ def test_a_uniform_field_takes_the_longest_steps(slab):
     stepper = SuperStepper(slab, held, source)
     psi, _, step = stepper.advance(np.ones(slab.volume.size), 2 * stepper.longest, stepper.longest)
     assert step >= stepper.longest
-    assert np.abs(psi - 1.0).max() < 1e-11
+    # Measured 2e-15.
+    assert np.abs(psi - 1.0).max() < 1e-13
     assert stepper.sweeps <= 2 * supersteps.MOST_STAGES + 1
