@@ -133,7 +133,7 @@ class Study:
         """
         flat = [dict(_flatten(case.resolved)) for case in self.cases]
         keys = [key for key in dict.fromkeys(key for row in flat for key in row) if key not in UNTOLD]
-        varying = [key for key in keys if len({canonical(row.get(key)) for row in flat}) > 1]
+        varying = [key for key in keys if any(row.get(key) != flat[0].get(key) for row in flat)]
         ends = [(outcomes or {}).get(case.solve_id, {}) for case in self.cases]
         ended = list(dict.fromkeys(key for end in ends for key in end))
         text = io.StringIO()

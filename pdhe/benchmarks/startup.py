@@ -37,11 +37,12 @@ files are in the memory of the operating system both times. The job is `pdhe run
 mesh, bonds, solve, result file; the job of the workflow is `pdhe solve` on the nodes of that plate. The workflow runs
 in a copy of the project with {cases} cases of that plate which share one mesh; its overhead is the part of the time on
 {cores} cores in which no case is computed, measured against the same cases solved one after the other in one process.
+A plan is `snakemake -n` with every history and three pictures a case.
 """
 
 
-def run(cases: int = 20, rounds: int = 5, cores: int = 2, workflow: bool = True) -> Report:
-    """Measure start-up; ``workflow: false`` leaves Snakemake out."""
+def run(cases: int = 100, planned: int = 1000, rounds: int = 5, cores: int = 2, workflow: bool = True) -> Report:
+    """Measure start-up; ``workflow: false`` leaves Snakemake out, ``planned`` cases are planned and not run."""
     rows: list[Row] = []
     samples: dict[str, list[float]] = {}
     with tempfile.TemporaryDirectory() as name:
@@ -75,6 +76,7 @@ def run(cases: int = 20, rounds: int = 5, cores: int = 2, workflow: bool = True)
         rows.append(counted("modules loaded by `import pdhe.study`", *_modules(project), "at most"))
         if workflow:
             rows += _workflow(project, folder, cases, min(rounds, 3), cores, samples)
+            rows.append(_plan(project, folder, planned, samples))
     text = TEXT.format(cases=cases, cores=cores)
     return Report(
         "startup", TITLE, text, rows, partial(_draw, samples), {"samples": sample_table({"startup": samples})}
@@ -139,9 +141,7 @@ def _workflow(
     project: Path, folder: Path, cases: int, rounds: int, cores: int, samples: dict[str, list[float]]
 ) -> list[Row]:
     """Nothing to do, for the first and for further times, and all cases from scratch."""
-    tolerances = [round(1e-6 * (1.0 + 0.01 * k), 10) for k in range(cases)]
-    study = {"name": "tiny", "scene": "config/scenes/tiny.yaml", "sweep": {"solver.tolerance": tolerances}}
-    (project / "config/studies/tiny.yaml").write_text(json.dumps({"study": study}), encoding="utf-8")
+    _write_study(project, "tiny", cases)
     snakemake = [
         "-m", "snakemake", "--cores", str(cores), "--quiet", "all", "--configfile",
         "config/studies/tiny.yaml", "--", "results/tiny/cases.csv",
@@ -170,6 +170,22 @@ def _workflow(
         shown(f"{cases} tiny cases, computing alone, time a case", work / cases, "s"),
         shown(f"{cases} tiny cases, share of overhead", 1.0 - work / (whole * cores)),
     ]
+
+
+def _write_study(project: Path, name: str, cases: int) -> None:
+    """Write a study of tiny cases that differ in nothing that takes time."""
+    tolerances = [round(1e-6 * (1.0 + 0.001 * k), 12) for k in range(cases)]
+    study = {"name": name, "scene": "config/scenes/tiny.yaml", "sweep": {"solver.tolerance": tolerances}}
+    content = {"study": study | {"figures": {"animations": False}}}
+    (project / f"config/studies/{name}.yaml").write_text(json.dumps(content), encoding="utf-8")
+
+
+def _plan(project: Path, folder: Path, cases: int, samples: dict[str, list[float]]) -> Row:
+    """Plan a large study without running it."""
+    _write_study(project, "planned", cases)
+    command = ["-m", "snakemake", "-n", "--cores", "2", "--quiet", "all", "--configfile", "config/studies/planned.yaml"]
+    samples[f"plan of {cases} cases"] = [_run(command, project, folder / "warm")]
+    return shown(f"plan of {cases} cases", samples[f"plan of {cases} cases"][0], "s", 10.0)
 
 
 def _draw(samples: dict[str, list[float]], figure: Figure) -> None:
