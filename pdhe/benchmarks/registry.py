@@ -19,6 +19,7 @@ BENCHMARKS: dict[str, str] = {
     "thesis_loop": "pdhe.benchmarks.thesis_loop",
     "same_answer": "pdhe.benchmarks.same_answer",
     "throughput": "pdhe.benchmarks.throughput",
+    "choices": "pdhe.benchmarks.choices",
     "scaling": "pdhe.benchmarks.scaling",
     "memory": "pdhe.benchmarks.memory",
     "startup": "pdhe.benchmarks.startup",

@@ -34,15 +34,19 @@ class Kernel:
 
     def __init__(self, function: Callable[..., Any]) -> None:
         functools.update_wrapper(self, function)
-        # The cache on disk tells functions apart by name only, not by how they are compiled.
-        twin = types.FunctionType(function.__code__, function.__globals__, f"{function.__name__}_parallel")
-        twin.__qualname__, twin.__module__ = twin.__name__, function.__module__
-        self._serial = numba.njit(cache=True, error_model="numpy")(function)
-        self._parallel = numba.njit(parallel=True, cache=True, error_model="numpy")(twin)
+        self._serial = numba.njit(cache=True, error_model="numpy")(_named(function, "serial"))
+        self._parallel = numba.njit(parallel=True, cache=True, error_model="numpy")(_named(function, "parallel"))
 
     def __call__(self, *arguments: Any) -> None:
         """Run on as many threads as Numba is set to."""
         (self._serial if numba.get_num_threads() == 1 else self._parallel)(*arguments)
+
+
+def _named(function: Callable[..., Any], suffix: str) -> types.FunctionType:
+    """Copy a function under a longer name: the cache on disk tells functions apart by name, not by how they compile."""
+    twin = types.FunctionType(function.__code__, function.__globals__, f"{function.__name__}_{suffix}")
+    twin.__qualname__, twin.__module__ = twin.__name__, function.__module__
+    return twin
 
 
 def kernel(function: Callable[..., Any]) -> Kernel:
