@@ -122,6 +122,10 @@ class Study:
     cases: tuple[Case, ...]
     animations: bool = True
     style: dict[str, Any] = field(default_factory=dict)
+    named: tuple[str, ...] = ()
+    """Named cases; the cases are every one of them, in this order, with every combination of the swept values."""
+    sweep: dict[str, list[Any]] = field(default_factory=dict)
+    """Swept keys with their values as the file gives them; the last one changes fastest."""
 
     def table(self, outcomes: Mapping[str, Mapping[str, object]] | None = None) -> str:
         """Return the cases as CSV: names and identities, every value that differs between them, and how each ended.
@@ -220,14 +224,16 @@ def load_study(path: str | Path, figures: Mapping[str, Any] | None = None) -> St
     animations = style.pop("animations", True)
     if not isinstance(animations, bool):
         raise SceneError(file, "study.figures.animations", animations, "needs true or false")
-    return Study(name, file, tuple(_cases(file, name, study, _wanted(file, style))), animations, style)
+    cases = tuple(_cases(file, name, study, _wanted(file, style)))
+    named = tuple(given for given in _named(file, study) if given)
+    return Study(name, file, cases, animations, style, named, _sweep(file, study))
 
 
 def _cases(file: str, study_name: str, study: Mapping[str, Any], wanted: Sequence[str]) -> Iterable[Case]:
     """Yield the cases: every named case with every combination of the swept values."""
     base = _mapping(file, "study.set", study.get("set") or {})
     sweep = _sweep(file, study)
-    labels = _labels(sweep)
+    label = labels(sweep)
     seen: set[str] = set()
     for given, block in _named(file, study).items():
         place = f"study.cases.{given}"
@@ -241,7 +247,7 @@ def _cases(file: str, study_name: str, study: Mapping[str, Any], wanted: Sequenc
         places |= {key: f"{place}.{key}" for key in changes}
         for values in product(*sweep.values()):
             swept = dict(zip(sweep, values, strict=True))
-            parts = [f"{labels[key]}={_text(value)}" for key, value in swept.items()]
+            parts = [f"{label[key]}={text_of(value)}" for key, value in swept.items()]
             name = _short("_".join(([given] if given else []) + parts)) or "base"
             if name in seen:
                 raise SceneError(file, place if given else "study.sweep", name, "two cases have the same name")
@@ -319,13 +325,13 @@ def slug(text: str) -> str:
     return re.sub(r"[^a-z0-9.+]+", "-", text.lower()).strip("-")
 
 
-def _labels(sweep: Iterable[str]) -> dict[str, str]:
+def labels(sweep: Iterable[str]) -> dict[str, str]:
     """Return the last part of each swept key, or all of it where two keys end alike."""
     last = {key: key.rpartition(".")[2] for key in sweep}
     return {key: key if list(last.values()).count(label) > 1 else label for key, label in last.items()}
 
 
-def _text(value: object) -> str:
+def text_of(value: object) -> str:
     """Write a swept value so that it can stand in a file name."""
     if isinstance(value, bool) or value is None:
         return str(value).lower()

@@ -199,6 +199,24 @@ def quantity(text: object, *dimensions: str) -> float:
     return value
 
 
+def measure(text: str) -> tuple[float, str]:
+    """Return the SI value and the SI unit of any quantity, or of a plain number, whose unit is ``1``.
+
+    Raises
+    ------
+    QuantityError
+        If the text is neither.
+    """
+    match = _QUANTITY.fullmatch(text.replace("−", "-"))
+    if match is None or len(text) > 100:
+        raise QuantityError("is not a quantity", "write a number and a unit")
+    factor, dimensions = _unit(match[2]) if match[2] else (1.0, {})
+    known = (kind.unit for kind in KINDS.values() if _unit(kind.unit)[1] == dimensions)
+    bases = {"[length]": "m", "[mass]": "kg", "[time]": "s", "[substance]": "mol"}
+    spelled = " ".join(f"{bases.get(dimension, dimension)}^{power:g}" for dimension, power in dimensions.items())
+    return round15(float(match[1]) * factor), next(known, spelled or "1")
+
+
 def ratio(value: object) -> float:
     """Convert a dimensionless number, given as a number, as text (``"1e-5"``) or in percent (``"36 %"``).
 
