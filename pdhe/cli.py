@@ -89,15 +89,21 @@ def plan(arguments: argparse.Namespace) -> None:
     """Tell what a scene would compute, and at what cost."""
     from pdhe.case import build_case
     from pdhe.discretization import discretize
+    from pdhe.forecast import make_forecast
     from pdhe.mesh import make_mesh
     from pdhe.plan import make_plan
     from pdhe.scene import load_scene
+    from pdhe.simulation import fly_pilot
 
     scene = load_scene(arguments.scene)
     with tempfile.TemporaryDirectory() as folder:
         mesh_file = Path(folder, "plan.msh")
         make_mesh(scene.geometry, scene.mesh, mesh_file)
-        print(make_plan(build_case(scene, discretize(mesh_file, scene.geometry, scene.mesh))))
+        case = build_case(scene, discretize(mesh_file, scene.geometry, scene.mesh))
+    pilot = fly_pilot(scene, case.discretization.volume.size)
+    print(make_plan(case, pilot))
+    seconds = make_forecast(case, pilot).seconds
+    print("expected time: seconds" if seconds is None else f"expected time: {seconds:.3g} s of one thread")
 
 
 def validate(arguments: argparse.Namespace) -> None:

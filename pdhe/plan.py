@@ -6,11 +6,19 @@ import numpy as np
 
 from pdhe.case import Case
 from pdhe.errors import SceneError
+from pdhe.forecast import Pilot, make_forecast
 from pdhe.transport import STEP_SAFETY, DiffusionStep
 
+#: Horizons that a pre-crack should be long, and spacings that hydrogen should reach, for either to be resolved.
+SHORT_CRACK, SHARP_FRONT = 3.0, 3.0
+#: A pilot that met less than this share of what breaks a bond says that the run will break none either.
+FAR_FROM_FAILURE = 0.8
 
-def make_plan(case: Case) -> str:
-    """Describe a case before it runs: physics and reasons, sizes, limits and steps.
+
+def make_plan(case: Case, pilot: Pilot | None = None) -> str:
+    """Describe a case before it runs: physics and reasons, sizes, limits and steps, expected cost, warnings.
+
+    ``pilot`` is a run on a coarser mesh (:func:`pdhe.simulation.fly_pilot`); without it, work is not foretold.
 
     Raises
     ------
@@ -27,7 +35,51 @@ def make_plan(case: Case) -> str:
         _hydrogen(case),
         f"time: 0 to {scene.time.end:.6g} s, {len(scene.outputs.times)} outputs, stepping: {_stepping(case)}",
     ]
+    lines += _cost(case, pilot) + [f"warning: {text}" for text in warnings(case, pilot)]
     return "\n".join(lines)
+
+
+def _cost(case: Case, pilot: Pilot | None) -> list[str]:
+    expected = make_forecast(case, pilot)
+    lines = [f"expected memory: {expected.memory / 1e6:.0f} MB at the peak of the process"]
+    if pilot is not None:
+        parts = [
+            f"{count:.0f} {name}"
+            for name, count in (
+                ("force sweeps", expected.force_sweeps), ("diffusion sweeps", expected.diffusion_sweeps),
+                ("rounds of failures", expected.failure_rounds),
+            )
+            if count is not None
+        ]  # fmt: skip
+        lines.append(f"expected work: {', '.join(parts)}, scaled up from a pilot on {pilot.nodes} nodes")
+    return lines
+
+
+def warnings(case: Case, pilot: Pilot | None = None) -> list[str]:
+    """What in a scene is likely not meant: cracks and fronts not resolved, loads and hydrogen without effect."""
+    scene, found = case.scene, []
+    horizon, spacing = case.bonds.horizon, float(np.median(case.discretization.spacing))
+    for crack in scene.geometry.cracks:
+        length = float(np.hypot(*np.subtract(crack.end, crack.start)))
+        if case.body is not None and length < SHORT_CRACK * horizon:
+            found.append(
+                f"crack '{crack.name}' is {length / horizon:.2g} horizons long, too short for its tips not to "
+                "feel each other's nonlocality: make `mesh.spacing` finer"
+            )
+    if scene.hydrogen is not None:
+        reach = 2.0 * float(np.sqrt(scene.material.diffusivity * scene.time.end))
+        if reach < SHARP_FRONT * spacing:
+            found.append(
+                f"hydrogen gets {reach:.3g} m far by the end (2 sqrt(D t)), {reach / spacing:.2g} spacings: "
+                + ("nothing arrives" if reach < spacing else "its front is not resolved")
+                + "; make `time.end` longer or `mesh.spacing` finer"
+            )
+    if pilot is not None and pilot.largest_load is not None and pilot.largest_load < FAR_FROM_FAILURE:
+        found.append(
+            f"nothing breaks in a pilot on {pilot.nodes} nodes: loads reach {100.0 * pilot.largest_load:.3g} % of what "
+            "breaks a bond; without a `damage` block the run is cheaper"
+        )
+    return found
 
 
 def _bond_bytes(case: Case) -> int:

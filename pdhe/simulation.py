@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,9 +13,11 @@ import numpy as np
 from pdhe import advance as moves
 from pdhe.case import Case, build_case
 from pdhe.damage import Candidates, nearest_failure
-from pdhe.discretization import Discretization
-from pdhe.errors import SimulationError
+from pdhe.discretization import Discretization, discretize
+from pdhe.errors import PdheError, SimulationError
+from pdhe.forecast import Pilot, make_forecast, pilot_scene
 from pdhe.kernels import threads_for
+from pdhe.mesh import make_mesh
 from pdhe.plan import make_plan
 from pdhe.provenance import digest, fingerprint, versions
 from pdhe.results import Contents, Recorder
@@ -26,6 +29,8 @@ if TYPE_CHECKING:
 
 #: A crack that advances further than this many horizons at one instant is reported as running away.
 RUNAWAY = 2.0
+#: Nodes from which a job flies a pilot before it starts: it takes about a second, the run minutes.
+PILOT_FROM = 50_000
 
 Progress = Callable[[str], None]
 
@@ -41,9 +46,13 @@ def solve_case(
         If the scene cannot be run on this mesh, or the run cannot go on.
     """
     case = build_case(scene, discretization)
-    plan = make_plan(case)
+    pilot = fly_pilot(scene, discretization.volume.size) if discretization.volume.size >= PILOT_FROM else None
+    plan = make_plan(case, pilot)
     if progress:
         progress(plan)
+        if pilot is not None:
+            # Not part of the plan that the result keeps: it depends on the machine.
+            progress(f"expected time: {make_forecast(case, pilot).seconds:.3g} s of processor time on one thread")
     contents = _simulate(case, progress)
     contents.attributes.update(
         {
@@ -55,6 +64,34 @@ def solve_case(
         }
     )
     contents.write(path)
+
+
+def fly_pilot(scene: Scene, nodes: int) -> Pilot | None:
+    """Run a scene on a mesh so coarse that it costs next to nothing; None where ``nodes`` are few anyway."""
+    coarse = pilot_scene(scene, nodes)
+    if coarse is None:
+        return None
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            mesh_file = Path(folder, "pilot.msh")
+            make_mesh(coarse.geometry, coarse.mesh, mesh_file)
+            case = build_case(coarse, discretize(mesh_file, coarse.geometry, coarse.mesh))
+        variables = _simulate(case, None).variables
+    except PdheError:
+        return None  # too coarse for the scene's own details: that says nothing against the scene
+    counts = {
+        name: float(variables[name].values[-1])
+        for name in (
+            "equilibrium_solves",
+            "equilibrium_iterations",
+            "failure_rounds",
+            "diffusion_sweeps",
+            "crack_extension",
+        )
+        if name in variables
+    }
+    largest = variables.get("largest_load")
+    return Pilot(case.discretization.volume.size, counts, None if largest is None else float(np.max(largest.values)))
 
 
 def simulate(case: Case, progress: Progress | None = None) -> xr.Dataset:

@@ -14,6 +14,7 @@ import numpy as np
 from pdhe.benchmarks.machine import peak_memory
 from pdhe.benchmarks.problems import mode_i
 from pdhe.benchmarks.timing import counted, shown
+from pdhe.forecast import make_forecast
 from pdhe.verification.drawing import COLOURS, label, panels
 from pdhe.verification.report import Report, Row
 
@@ -50,6 +51,9 @@ def run(nodes: int = 100_000) -> Report:
         shown("peak while the case is built", r["built"] / bonds, "B"),
         shown("peak with one equilibrium", r["solved"] / bonds, "B"),
         shown("peak of the process", r["peak"] / 1e6, "MB"),
+        shown("peak of the process, foretold", r["foretold"] / 1e6, "MB"),
+        counted("foretold over measured: least", r["foretold"] / r["peak"], 0.8, "at least"),
+        counted("foretold over measured: most", r["foretold"] / r["peak"], 1.2, "at most"),
     ]
     text = TEXT.format(nodes=r["nodes"], family=bonds / r["nodes"])
     return Report("memory", TITLE, text, rows, partial(_draw, {k: v / bonds for k, v in r["arrays"].items()}))
@@ -79,6 +83,7 @@ def weigh(nodes: int) -> dict[str, Any]:
     return {
         "nodes": case.discretization.volume.size, "bonds": bonds, "arrays": arrays, "built": built - before,
         "solved": solved - before, "peak": solved,
+        "foretold": make_forecast(case, None).memory,
     }  # fmt: skip
 
 

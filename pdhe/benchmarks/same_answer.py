@@ -13,7 +13,8 @@ import xarray as xr
 
 from pdhe.benchmarks.problems import mode_i
 from pdhe.benchmarks.timing import counted, sample_table, shown
-from pdhe.simulation import simulate
+from pdhe.forecast import make_forecast
+from pdhe.simulation import fly_pilot, simulate
 from pdhe.verification.drawing import COLOURS, label, panels
 from pdhe.verification.report import Report, Row
 
@@ -147,12 +148,28 @@ def _alone(nodes: int, rounds: int, overrides: dict[str, Any] | None) -> tuple[i
         shown(f"{size} nodes, {name}", median(times), "s", 10.0 if nodes == 20_000 and name.startswith("2") else np.nan)
         for name, times in samples.items()
     ]
+    foretold = _foretold(nodes, overrides)
+    if foretold is not None:
+        alone = median(samples["1 thread"])
+        rows.append(shown(f"{size} nodes, 1 thread: foretold over measured", foretold / alone, "1", 1.0, "0.5 to 2"))
     for name in ("force sweeps", "diffusion sweeps"):
         measured, title = _last(result, COUNTS[name]), f"{size} nodes, {name}"
         judged = nodes == 20_000 and not overrides
         rows.append(counted(title, measured, MOST_SWEEPS[name], "at most") if judged else shown(title, measured))
     rows.append(shown(f"{size} nodes, crack extension at the end", 1e3 * _last(result, "crack_extension"), "mm"))
     return size, rows, samples
+
+
+def _foretold(nodes: int, overrides: dict[str, Any] | None) -> float | None:
+    """Seconds that the plan expects, on one thread; None where it has no pilot."""
+    import numba
+
+    before = numba.get_num_threads()
+    numba.set_num_threads(1)
+    case = mode_i(nodes, overrides)
+    seconds = make_forecast(case, fly_pilot(case.scene, nodes)).seconds
+    numba.set_num_threads(before)
+    return seconds
 
 
 def _draw(curves: dict[str, xr.Dataset], figure: Figure) -> None:

@@ -1,0 +1,140 @@
+"""What a run will take: memory from its bonds, work from a pilot on a coarser mesh, time from sweeps tried at once."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdhe.case import Case
+from pdhe.errors import SceneError
+from pdhe.scene import Scene
+
+#: Bytes of a process before it has bonds (measured 2.9e8 to 3.5e8), and at its peak per directed bond: diffusion alone
+#: (98 to 106), mechanics (105 to 138), both (136 to 157), measured on lattices and triangles of 2e4 and 8e4 nodes.
+PROCESS, DIFFUSION, MECHANICS, BOTH = 3.0e8, 100.0, 122.0, 145.0
+#: Nodes of a pilot, and by how much coarser it must be to be worth it: it costs less than a hundredth of the run then.
+PILOT_NODES, LEAST_COARSENING = 800, 2.0
+#: Time of an iteration of the equilibrium, and of the search for failures after it, in force sweeps; of a diffusion
+#: sweep inside a run, in bare ones (measured 2.8, 4 and 1.4 at 20,000 nodes).
+ITERATION, SEARCH, STEP = 2.8, 4.0, 1.4
+#: Seconds to start, build a preconditioner and write results, beside the sweeps.
+OVERHEAD = 1.5
+
+
+@dataclass(frozen=True)
+class Pilot:
+    """What a run on a coarser mesh came to.
+
+    Attributes
+    ----------
+    nodes
+        Their number.
+    counts
+        Last value of each history, by name.
+    largest_load
+        Largest load over resistance that it met; None without damage.
+    """
+
+    nodes: int
+    counts: dict[str, float]
+    largest_load: float | None
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """Expected cost of a run.
+
+    Attributes
+    ----------
+    memory
+        Peak of the process, bytes.
+    force_sweeps, diffusion_sweeps, failure_rounds
+        Counted work; None without a pilot.
+    seconds
+        Processor time on one thread; None without a pilot.
+    """
+
+    memory: float
+    force_sweeps: float | None = None
+    diffusion_sweeps: float | None = None
+    failure_rounds: float | None = None
+    seconds: float | None = None
+
+
+def pilot_scene(scene: Scene, nodes: int) -> Scene | None:
+    """The scene on a mesh of about :data:`PILOT_NODES` nodes; None where that is no coarser or cannot be meshed."""
+    coarsening = math.sqrt(nodes / PILOT_NODES)
+    if coarsening < LEAST_COARSENING:
+        return None
+    content = scene.resolved()
+    content["mesh"]["spacing"] = scene.mesh.spacing * coarsening
+    try:
+        return Scene.from_resolved(content)
+    except SceneError:
+        return None
+
+
+def make_forecast(case: Case, pilot: Pilot | None) -> Forecast:
+    """Scale what a pilot counted up to the mesh of a case.
+
+    With the spacing h, a crack takes rounds of failures in proportion to 1/h for each length of growth. Where hydrogen
+    carries it, its speed goes with 1/h as well, until it has crossed the plate. Iterations of an equilibrium do not
+    change. Steps of the diffusion grow as 1/h^2 while bonds can break, and as 1/h where long steps are taken (their
+    stages grow as the square root of the length of a step). Fixed stepping has the same number of everything.
+
+    Cracks on so coarse a mesh are rough guides: times are right within a factor of two, counts of failures less so.
+    """
+    bonds = case.bonds.neighbours.size
+    share = BOTH if case.diffusion and case.equilibrium else MECHANICS if case.equilibrium else DIFFUSION
+    memory = PROCESS + share * bonds
+    if pilot is None:
+        return Forecast(memory)
+    coarsening = math.sqrt(case.discretization.volume.size / pilot.nodes)
+    last, fixed = pilot.counts, case.scene.stepping.mode == "fixed"
+    rounds = last.get("failure_rounds", 0.0) * (1.0 if fixed else coarsening * _faster(case, pilot, coarsening))
+    before = last.get("equilibrium_solves", 0.0) - last.get("failure_rounds", 0.0)
+    solves = max(before, 0.0) + rounds
+    iterations = last.get("equilibrium_iterations", 0.0) / max(last.get("equilibrium_solves", 0.0), 1.0) * solves
+    power = 0.0 if fixed else 2.0 if case.rule is not None else 1.0
+    sweeps = last.get("diffusion_sweeps", 0.0) * coarsening**power
+    force, diffusion = _sweep_seconds(case)
+    seconds = OVERHEAD + force * (ITERATION * iterations + SEARCH * solves) + STEP * diffusion * sweeps
+    return Forecast(
+        memory,
+        force_sweeps=iterations + solves if case.equilibrium else None,
+        diffusion_sweeps=sweeps if case.diffusion else None,
+        failure_rounds=rounds if case.rule else None,
+        seconds=seconds,
+    )
+
+
+def _faster(case: Case, pilot: Pilot, coarsening: float) -> float:
+    """How many times farther a crack grows than in the pilot: hydrogen is nearer; the plate may end before."""
+    g, grown = case.scene.geometry, pilot.counts.get("crack_extension", 0.0)
+    if case.diffusion is None or grown <= 0.0:
+        return 1.0
+    lengths = [float(np.hypot(*np.subtract(crack.end, crack.start))) for crack in g.cracks]
+    return min(coarsening, max(1.0, (max(g.width, g.height) - max(lengths)) / grown))
+
+
+def _sweep_seconds(case: Case, repeats: int = 3) -> tuple[float, float]:
+    """Processor time of a force sweep and of a diffusion sweep of this case, s; zero for absent physics."""
+    n, times = case.discretization.volume.size, [0.0, 0.0]
+    parts: list = [None, None]
+    if case.body is not None:
+        u = np.zeros((n, 2))
+        parts[0] = lambda: case.body.force(u)
+    if case.diffusion is not None:
+        held, zeros = np.zeros(n, bool), np.zeros(n)
+        parts[1] = lambda: case.diffusion.step(zeros, 1.0, held, zeros, np.empty(n), np.zeros(n))
+    for k, part in enumerate(parts):
+        if part is not None:
+            part()
+            start = time.process_time()
+            for _ in range(repeats):
+                part()
+            times[k] = (time.process_time() - start) / repeats
+    return times[0], times[1]
