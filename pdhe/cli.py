@@ -5,6 +5,7 @@ What a subcommand needs is imported when it runs, so that help and errors come a
 
 import argparse
 import json
+import shlex
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -68,7 +69,9 @@ def solve(arguments: argparse.Namespace) -> None:
 
     out = _ready(arguments.out)
     scene = Scene.from_resolved({"title": out.stem, **_json(arguments.spec, "--spec")})
-    solve_case(scene, read_discretization(arguments.nodes), out, progress=_progress)
+    # The scene itself stands in the result.
+    command = shlex.join(["pdhe", "solve", "--spec", "SCENE", "--nodes", str(arguments.nodes), "--out", str(out)])
+    solve_case(scene, read_discretization(arguments.nodes), out, _progress, command)
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -82,7 +85,8 @@ def run(arguments: argparse.Namespace) -> None:
     scene = load_scene(arguments.scene)
     mesh_file = out.with_suffix(".msh")
     make_mesh(scene.geometry, scene.mesh, mesh_file)
-    solve_case(scene, discretize(mesh_file, scene.geometry, scene.mesh), out, progress=_progress)
+    command = shlex.join(["pdhe", "run", str(arguments.scene), "--out", str(out)])
+    solve_case(scene, discretize(mesh_file, scene.geometry, scene.mesh), out, _progress, command)
 
 
 def plan(arguments: argparse.Namespace) -> None:
@@ -157,6 +161,42 @@ def index(arguments: argparse.Namespace) -> None:
             with open_result(arguments.solutions / f"{solve_id}.nc") as result:
                 outcomes[solve_id] = {key: value for key, value in summary(result).items() if key != "title"}
     _write(arguments.out, study.table(outcomes))
+
+
+def verify(arguments: argparse.Namespace) -> None:
+    """Tell which results no longer match their hashes, their names, or the code and versions that made them."""
+    from pdhe.store import check, solutions_and_nodes
+
+    files = solutions_and_nodes(arguments.results)
+    problems = 0
+    for path in files:
+        for problem in check(path):
+            print(f"{path}: {problem}")
+            problems += 1
+    if problems:
+        raise PdheError(
+            f"{problems} mismatch(es) in {len(files)} file(s); what is deleted, the workflow computes again"
+        )
+    print(f"{len(files)} file(s) match")
+
+
+def gc(arguments: argparse.Namespace) -> None:
+    """List the results that no study refers to, or remove them."""
+    from pdhe.store import configured_studies, size_of, unused
+
+    studies = arguments.studies or configured_studies()
+    found = unused(arguments.results, studies)
+    total = 0
+    for path in found:
+        size = size_of(path)
+        total += size
+        print(f"{size / 1e6:9.1f} MB  {path}")
+    did = "removed" if arguments.remove else "could be removed with --remove"
+    if arguments.remove:
+        from pdhe.store import remove
+
+        remove(found)
+    print(f"{total / 1e6:9.1f} MB in {len(found)} place(s) {did}; {len(studies)} study file(s) refer to the rest")
 
 
 def figures(arguments: argparse.Namespace) -> None:
@@ -320,6 +360,21 @@ def _parser() -> argparse.ArgumentParser:
         option("study", type=Path, metavar="STUDY", help="study file"),
         option("--solutions", type=Path, metavar="FOLDER", help="folder of the solutions, results/store/solve"),
         anywhere,
+    )
+    place = option("results", nargs="?", type=Path, default=Path("results"), metavar="RESULTS", help="results folder")
+    add(verify, place)
+    add(
+        gc,
+        place,
+        option(
+            "--study",
+            dest="studies",
+            type=Path,
+            action="append",
+            metavar="FILE",
+            help="study that keeps its results, several times for several; all below config when none is given",
+        ),
+        option("--remove", action="store_true", help="remove what is listed"),
     )
     folders = option("folders", nargs="+", type=Path, metavar="FOLDER", help="folder of a checked topic")
     folder = option("--out", required=True, type=Path, metavar="FOLDER", help="folder to write into")

@@ -7,6 +7,7 @@ write, it reads: the coordinates of a variable are named as the CF conventions a
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 import threading
 from collections.abc import Collection, Iterator, Mapping
@@ -14,6 +15,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+
+CONTENT = "content_sha256"
+"""Attribute of a file with the digest of all the rest of it."""
 
 
 class Variable(NamedTuple):
@@ -70,6 +74,7 @@ def write_netcdf(
             written[...] = array.astype(object) if text else array
         loose = [c for c in coordinates if c not in attached and c not in sizes]
         file.setncatts({**attributes, **({"coordinates": " ".join(loose)} if loose else {})})
+        file.setncattr(CONTENT, _digest(file))
 
 
 def read_netcdf(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
@@ -78,14 +83,41 @@ def read_netcdf(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], di
     Raises
     ------
     FileNotFoundError, OSError, RuntimeError
-        The file is missing, or it is damaged.
+        The file is missing, or it is damaged, which the digest of its content tells where it has one.
     """
     import netCDF4
 
     with netCDF4.Dataset(path) as file:
         file.set_auto_maskandscale(False)
+        if CONTENT in file.ncattrs() and file.getncattr(CONTENT) != _digest(file):
+            raise OSError("its content has changed since it was written")
         arrays = {name: np.asarray(variable[...]) for name, variable in file.variables.items()}
         return arrays, {name: file.getncattr(name) for name in file.ncattrs()}
+
+
+def _digest(file: Any) -> str:
+    """Return the SHA-256 of the arrays, as they are stored, and of all attributes but the digest itself."""
+    total = hashlib.sha256()
+    file.set_auto_maskandscale(False)
+
+    def add(name: str, values: Any) -> None:
+        array = np.asarray(values)
+        if array.dtype.kind in "OU":
+            kind, data = "text", "\0".join(map(str, array.ravel())).encode()
+        else:
+            kind, data = array.dtype.str, np.ascontiguousarray(array).tobytes()
+        total.update(f"{name} {array.shape} {kind} {len(data)}\0".encode())
+        total.update(data)
+
+    for name in sorted(file.ncattrs()):
+        if name != CONTENT:
+            add(f"@{name}", file.getncattr(name))
+    for name in sorted(file.variables):
+        variable = file.variables[name]
+        add(f"{name} {' '.join(variable.dimensions)}", variable[...])
+        for attribute in sorted(variable.ncattrs()):
+            add(f"{name}@{attribute}", variable.getncattr(attribute))
+    return total.hexdigest()
 
 
 def _describes(name: str, coordinate: Variable, dims: tuple[str, ...]) -> bool:

@@ -70,6 +70,19 @@ def history_table(result_path: str | Path) -> str:
     return text.getvalue()
 
 
+def origin(result: xr.Dataset, ending: str) -> dict[str, str]:
+    """Return what made a result, for the metadata of a picture of it: its own digest, scene, code, versions, machine.
+
+    Parameters
+    ----------
+    ending
+        Of the file of the picture: formats differ in the keys they know.
+    """
+    wanted = ("content_sha256", "scene_hash", "code_fingerprint", "versions", "machine", "command")
+    text = json.dumps({name: str(result.attrs[name]) for name in wanted if name in result.attrs})
+    return {"Title": str(result.attrs.get("title", "")), "Subject" if ending == ".pdf" else "Source": text}
+
+
 def scene_of(result: xr.Dataset) -> dict[str, Any]:
     """Return the resolved scene that a result was computed from."""
     return json.loads(result.attrs["scene"])

@@ -10,6 +10,7 @@ import contextlib
 import hashlib
 import json
 import os
+import platform
 import re
 import sys
 from collections.abc import Iterable
@@ -113,6 +114,18 @@ def versions() -> dict[str, str]:
         except metadata.PackageNotFoundError:
             continue
     return found
+
+
+@cache
+def machine() -> str:
+    """Describe the machine: processor, system and Python, nothing that names it."""
+    model = platform.processor() or platform.machine()
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines():
+            if line.startswith("model name"):
+                model = line.partition(":")[2].strip()
+                break
+    return f"{model}, {platform.system()} {platform.machine()}, Python {platform.python_version()}"
 
 
 def _path(name: str) -> Path | None:

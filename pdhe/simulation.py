@@ -19,7 +19,7 @@ from pdhe.forecast import Pilot, make_forecast, pilot_scene
 from pdhe.kernels import threads_for
 from pdhe.mesh import make_mesh
 from pdhe.plan import make_plan
-from pdhe.provenance import digest, fingerprint, versions
+from pdhe.provenance import digest, fingerprint, machine, versions
 from pdhe.results import Contents, Recorder
 from pdhe.scene import Scene
 from pdhe.state import State
@@ -36,9 +36,9 @@ Progress = Callable[[str], None]
 
 
 def solve_case(
-    scene: Scene, discretization: Discretization, path: str | Path, progress: Progress | None = None
+    scene: Scene, discretization: Discretization, path: str | Path, progress: Progress | None = None, command: str = ""
 ) -> None:
-    """Run a scene and write its result file.
+    """Run a scene and write its result file, which says what made it; ``command`` is the one that was given.
 
     Raises
     ------
@@ -61,6 +61,8 @@ def solve_case(
             "scene_hash": digest(scene.resolved()),
             "code_fingerprint": fingerprint("pdhe.simulation"),
             "versions": json.dumps(versions(), sort_keys=True),
+            "machine": machine(),
+            "command": command,
         }
     )
     contents.write(path)

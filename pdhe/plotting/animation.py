@@ -11,6 +11,7 @@ import numpy as np
 from PIL import Image
 from scipy.spatial import cKDTree
 
+from pdhe import post
 from pdhe.plotting.layout import Layout
 from pdhe.plotting.picture import Panel, Picture, check_kind
 from pdhe.plotting.style import MILLIMETRE, RC, Style
@@ -44,9 +45,11 @@ def animate(kind: str, result_path: str | Path, style: Mapping[str, Any] | None,
             indices = np.array([count - 1])
         with mpl.rc_context(RC | {"font.size": chosen.font_size}):
             frames = _frames(picture, indices.tolist(), chosen)
+        made = post.origin(result, ".gif")["Source"].encode()
     shown = float(np.clip(chosen.duration / len(frames), _SHORTEST, _LONGEST))
     durations = [round(1e3 * shown)] * (len(frames) - 1) + [round(1e3 * (shown + chosen.hold))]
-    frames[0].save(out_path, format="GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0)
+    more = {"save_all": True, "append_images": frames[1:], "duration": durations, "loop": 0, "comment": made}
+    frames[0].save(out_path, format="GIF", **more)
 
 
 def _frames(picture: Picture, indices: list[int], style: Style) -> list[Image.Image]:

@@ -36,7 +36,8 @@ def draw(kind: str, result_path: str | Path, style: Mapping[str, Any] | None, ou
         else:
             indices = list(dict.fromkeys(post.nearest_snapshot(result, time) for time in chosen.times))
         with mpl.rc_context(RC | {"font.size": chosen.font_size}):
-            _draw(picture, indices, chosen).savefig(out_path, dpi=chosen.dpi)
+            made = post.origin(result, Path(out_path).suffix)
+            _draw(picture, indices, chosen).savefig(out_path, dpi=chosen.dpi, metadata=made)
 
 
 def _draw(picture: Picture, indices: list[int], style: Style):

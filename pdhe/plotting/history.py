@@ -46,7 +46,8 @@ def draw_history(result_path: str | Path, out_path: str | Path) -> None:
         if not panels:
             raise PdheError(f"{result_path}: the history of the result holds nothing to draw")
         with mpl.rc_context(RC | {"font.size": style.font_size, "legend.fontsize": style.font_size - 1}):
-            _draw(result["history_time"].values, panels, style).savefig(out_path, dpi=style.dpi)
+            made = post.origin(result, Path(out_path).suffix)
+            _draw(result["history_time"].values, panels, style).savefig(out_path, dpi=style.dpi, metadata=made)
 
 
 def _draw(times: np.ndarray, panels: list[Curves], style: Style) -> Figure:

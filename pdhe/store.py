@@ -1,0 +1,166 @@
+"""What lies in the folder of results: whether it still is what it says, and whether anything refers to it."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+from pdhe.errors import PdheError
+from pdhe.netcdf import read_netcdf
+from pdhe.provenance import digest, fingerprint, versions
+from pdhe.study import Case, load_study
+from pdhe.yamlfile import read_yaml
+
+OTHERS = ("store", "verification", "benchmarks", "tradeoff")
+"""Folders of results that belong to no study."""
+
+_STAGES = {"mesh": ".msh", "nodes": ".nc", "solve": ".nc"}
+_PART = re.compile(r"\..+\.(\d+)\.\d+\.part")
+
+
+def solutions_and_nodes(results: Path) -> list[Path]:
+    """Return the solutions and the files of nodes below a folder of results."""
+    _require(results)
+    return [path for stage in ("nodes", "solve") for path in sorted((results / "store" / stage).glob("*.nc"))]
+
+
+def check(path: Path) -> Iterator[str]:
+    """Yield what is wrong with a solution or a file of nodes, in words: content, name, scene, code, versions.
+
+    Parameters
+    ----------
+    path
+        File in the store; its folder tells what it is.
+    """
+    try:
+        arrays, attributes = read_netcdf(path)
+    except (OSError, RuntimeError, ValueError) as error:
+        yield f"cannot be read or is damaged ({error})"
+        return
+    if "content_sha256" not in attributes:
+        yield "holds no digest of its content (made by an older version)"
+    if path.parent.name != "solve":
+        return
+    try:
+        scene = json.loads(attributes["scene"])
+        identity = Case("", "", "", scene).solve_id
+        stated, code, made_with = (attributes[name] for name in ("scene_hash", "code_fingerprint", "versions"))
+        made_with = json.loads(made_with)
+    except (KeyError, TypeError, ValueError) as error:
+        yield f"does not say what made it ({type(error).__name__}: {error})"
+        return
+    if digest(scene) != stated:
+        yield f"its scene has the hash {digest(scene)}, not {stated}"
+    if identity != path.stem:
+        yield f"its scene belongs to {identity}"
+    if code != fingerprint("pdhe.simulation"):
+        yield f"made by other code ({code}, now {fingerprint('pdhe.simulation')})"
+    now = versions()
+    changed = [
+        f"{name} {made_with.get(name, 'none')}, now {now.get(name, 'none')}"
+        for name in sorted({*made_with, *now})
+        if made_with.get(name) != now.get(name)
+    ]
+    if changed:
+        yield f"made with other versions ({'; '.join(changed)})"
+    if not arrays["time"].size or attributes.get("status", "").startswith("incomplete"):
+        yield "is incomplete"
+
+
+def configured_studies(folder: Path = Path("config")) -> list[Path]:
+    """Return the study files that the configuration lists, and all others in ``config/studies``.
+
+    Raises
+    ------
+    PdheError
+        If there are none.
+    """
+    found = {}
+    if (folder / "config.yaml").is_file():
+        listed = read_yaml(folder / "config.yaml")
+        for name in (listed.get("studies") or ()) if isinstance(listed, dict) else ():
+            found[Path(name).resolve()] = Path(name)
+    for path in sorted((folder / "studies").glob("*.y*ml")):
+        content = read_yaml(path)
+        if isinstance(content, dict) and "study" in content:
+            found.setdefault(path.resolve(), path)
+    if not found:
+        raise PdheError(f"{folder}: no studies found; name them with --study")
+    return list(found.values())
+
+
+def unused(results: Path, studies: Iterable[str | Path]) -> list[Path]:
+    """Return what no study refers to: files of the store, folders of cases and of studies, unfinished files.
+
+    Raises
+    ------
+    SceneError
+        If a study cannot be read: what it refers to is then not known.
+    """
+    _require(results)
+    cases = [case for file in studies for case in load_study(file).cases]
+    names: dict[str, set[str]] = {}
+    for case in cases:
+        names.setdefault(case.study, set()).add(case.name)
+    kept = {"mesh": {case.mesh_id for case in cases}, "solve": {case.solve_id for case in cases}}
+    kept["nodes"] = kept["mesh"]
+    found = []
+    for stage, ending in _STAGES.items():
+        for path in sorted((results / "store" / stage).glob("*")):
+            part = _PART.fullmatch(path.name)
+            if (part and not _alive(int(part[1]))) or (path.suffix == ending and path.stem not in kept[stage]):
+                found.append(path)
+    for folder in sorted(path for path in results.iterdir() if path.is_dir() and path.name not in OTHERS):
+        if folder.name in names:
+            inside = sorted(folder.iterdir())
+            found += [path for path in inside if _of_case(path) and path.name not in names[folder.name]]
+        elif _of_study(folder):
+            found.append(folder)
+    return found
+
+
+def size_of(path: Path) -> int:
+    """Return the bytes of a file or of all files in a folder."""
+    files = path.rglob("*") if path.is_dir() and not path.is_symlink() else [path]
+    return sum(file.lstat().st_size for file in files if not file.is_dir())
+
+
+def remove(paths: Sequence[Path]) -> None:
+    """Remove files and folders; of a link, the link."""
+    for path in paths:
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+
+
+def _require(results: Path) -> None:
+    if not (results / "store").is_dir():
+        raise PdheError(f"{results}: not a folder of results (it holds no store)")
+
+
+def _of_case(path: Path) -> bool:
+    """Whether a folder holds figures of a case and nothing else that somebody may have put there."""
+    ours = re.compile(r"history\.(csv|png)|(damage|displacement|coverage)\.(png|gif)")
+    return path.is_dir() and all(ours.fullmatch(file.name) for file in path.iterdir())
+
+
+def _of_study(folder: Path) -> bool:
+    """Whether a folder holds what a study leaves behind and nothing else."""
+    names = ("cases.csv", "report.html")
+    inside = list(folder.iterdir())
+    return bool(inside) and all(_of_case(path) or path.name in names for path in inside)
+
+
+def _alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        return True
+    return True
