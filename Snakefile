@@ -4,6 +4,7 @@
     snakemake --cores 2 --configfile config/studies/smoke.yaml      one study
     snakemake --cores 2 figures                                     pictures and animations only
     snakemake --cores 2 verification                                every check of the verification, and its page
+    snakemake --cores 2 extremes                                    extreme scenes, each right or refused, and their map
     snakemake --cores 2 benchmarks                                  how fast everything is, and its page
     snakemake --cores 2 tradeoff                                    speed against accuracy, and its page
     snakemake -n                                                    what would run, and why
@@ -32,11 +33,13 @@ include: "workflow/rules/report.smk"
 include: "workflow/rules/verification.smk"
 include: "workflow/rules/benchmarks.smk"
 include: "workflow/rules/tradeoff.smk"
+include: "workflow/rules/extremes.smk"
 
 
 localrules:
     all,
     benchmarks,
+    extremes,
     figures,
     results,
     tradeoff,
@@ -47,6 +50,12 @@ rule verification:
     input:
         "results/verification/index.html",
         "results/verification/passed.txt",
+
+
+rule extremes:
+    input:
+        "results/extremes/index.html",
+        "results/extremes/passed.txt",
 
 
 rule benchmarks:

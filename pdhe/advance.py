@@ -136,7 +136,8 @@ def _diffuse_until(
 ) -> bool:
     diffusion, hydrogen = case.diffusion, case.scene.hydrogen
     edges = [c for c in hydrogen.boundary if c.on in EDGES]
-    steady = not any(len(set(c.coverage.values)) > 1 for c in hydrogen.boundary)
+    # Histories have no corner before `until`: equal at both ends, they are constant.
+    steady = all(c.coverage(state.time) == c.coverage(until) for c in hydrogen.boundary)
     if candidates is not None and motion.moving:
         # Loads are convex in time: below the least resistance at both ends, below it in between.
         ends = candidates.load(motion.fraction(state.time)), candidates.load(motion.fraction(until))
@@ -153,6 +154,9 @@ def _diffuse_until(
         source = diffusion.source({c.on: c.coverage(0.5 * (now + later)) for c in edges})
         step = DiffusionStep(diffusion, state.coverage, later - now, state.held, source)
         state.diffusion_sweeps += step.sweeps
+        if steady and step.settled:
+            step.at_rest((until - now) / (later - now))
+            later = until
         share = None
         if candidates is not None:
             curvature = step.curvature_at(candidates.i, candidates.j)

@@ -16,6 +16,7 @@ from pdhe.materials import MODELS, Body
 from pdhe.relaxation import DynamicRelaxation
 from pdhe.scene import Scene
 from pdhe.solvers import Equilibrium
+from pdhe.stability import NEGATIVE, least_eigenvalue
 from pdhe.transport import Diffusion, Edge, build_diffusion
 
 #: Equilibrium solvers by the name that scenes use.
@@ -65,7 +66,8 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
     Raises
     ------
     SceneError
-        If a node set that the scene names has no nodes, or no bond is left to carry anything.
+        If a node set that the scene names has no nodes, no bond is left to carry anything, no bond may break although
+        there is a block ``damage``, or the stiffness is indefinite.
     """
     d = discretization
     _require_node_sets(scene, d)
@@ -96,6 +98,8 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
             (scene.geometry.width, scene.geometry.height),
         )
         body = Body(bonds, model, d.coordinates, d.volume, PRECISIONS[scene.solver.precision])
+        if body.tangential < 0.0:
+            _require_positive_stiffness(scene, body, ~conditions.fixed)
         equilibrium = SOLVERS[scene.solver.method](
             body, conditions.fixed, d.coordinates, d.spacing, scene.solver.tolerance, scene.solver.max_iterations
         )
@@ -104,6 +108,17 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
     if scene.hydrogen is not None:
         diffusion = _diffusion(scene, d, bonds, partial)
     return Case(scene, d, bonds, equilibrium, conditions, rule, diffusion)
+
+
+def _require_positive_stiffness(scene: Scene, body: Body, free: np.ndarray) -> None:
+    """Refuse a body that would give energy away as it deforms: above a Poisson's ratio of 1/3 the mesh decides."""
+    lowest = least_eigenvalue(body, free)
+    if lowest < NEGATIVE:
+        raise SceneError(
+            "scene", "material.poissons_ratio", scene.material.poissons_ratio,
+            f"makes the stiffness of this body indefinite: its least eigenvalue is {lowest:.2g} of the largest",
+            "0.45 is safe at a horizon of 3 spacings and more; other `mechanics.weights` may help above it",
+        )  # fmt: skip
 
 
 def _require_node_sets(scene: Scene, d: Discretization) -> None:
@@ -125,6 +140,10 @@ def _failure_rule(scene: Scene, d: Discretization, bonds: Bonds, model) -> Failu
         protected = np.zeros(d.volume.size, bool)
         protected[d.node_sets[name]] = True
         may_fail &= ~(protected[owner] | protected[bonds.neighbours])
+    if not (may_fail & ~bonds.cut).any():
+        raise SceneError(
+            "scene", "damage.no_fail", list(settings.no_fail), "protects every bond of this mesh", "leave `damage` out"
+        )
     weakened = None
     if hydrogen is not None:
         law, degradation = LAWS[hydrogen.law], hydrogen.degradation

@@ -254,12 +254,12 @@ def page(arguments: argparse.Namespace) -> None:
 
 
 def verdict(arguments: argparse.Namespace) -> None:
-    """Fail, naming every comparison that does not hold, unless all topics of the verification pass."""
+    """Fail, naming every comparison that does not hold, unless all topics or groups of extremes pass."""
     from pdhe.verification.page import failures, read_reports
 
     failed = failures(read_reports(arguments.folders))
     if failed:
-        raise PdheError("verification failed:\n  " + "\n  ".join(failed))
+        raise PdheError("comparisons that do not hold:\n  " + "\n  ".join(failed))
     _write(arguments.out, "every comparison holds\n")
 
 
@@ -313,6 +313,28 @@ def tradeoff_page(arguments: argparse.Namespace) -> None:
     _write(arguments.out, as_html(scenes, arguments.picture))
     if arguments.markdown:
         _write(arguments.markdown, as_markdown(scenes))
+
+
+def extremes(arguments: argparse.Namespace) -> None:
+    """Run one group of extreme cases and write its table and verdict."""
+    from pdhe.extremes.outcome import run_group
+
+    report = run_group(arguments.group)
+    report.write(arguments.out)
+    print(f"{report.title}: {report.text}", file=sys.stderr)
+
+
+def extremes_page(arguments: argparse.Namespace) -> None:
+    """Gather groups of extreme cases as a map, a table and a page."""
+    from pdhe.extremes.page import as_html, as_markdown, gather, write_map, write_table
+
+    reports = gather(arguments.folders)
+    write_map(reports, _ready(arguments.map))
+    write_table(reports, _ready(arguments.table))
+    _write(arguments.out, as_html(reports, arguments.map))
+    if arguments.docs:
+        _write(arguments.docs / "extremes.md", as_markdown(reports, "images/extremes.png"))
+        _ready(arguments.docs / "images" / "extremes.png").write_bytes(arguments.map.read_bytes())
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -382,6 +404,15 @@ def _parser() -> argparse.ArgumentParser:
     add(check, option("topic", metavar="TOPIC", help="topic of the verification"), settings, folder)
     docs = option("--docs", type=Path, metavar="FOLDER", help="write verification.md and its figures here as well")
     add(page, folders, file("--out", help="page to write"), docs)
+    add(extremes, option("group", metavar="GROUP", help="group of extreme cases"), folder)
+    add(
+        extremes_page,
+        folders,
+        file("--out", help="page to write"),
+        file("--map", help="picture to write"),
+        file("--table", help="table to write"),
+        option("--docs", type=Path, metavar="FOLDER", help="write extremes.md and its picture here as well"),
+    )
     add(verdict, folders, file("--out", help="file to write when all is well"))
     add(benchmark, option("name", metavar="NAME", help="benchmark to run"), settings, folder)
     results = option("folders", nargs="+", type=Path, metavar="FOLDER", help="folder of a benchmark that has run")

@@ -262,5 +262,5 @@ class Outputs(Block):
                 wanted[-1] = end
         else:
             count = self.count or 40
-            wanted = [round15(end * k / count) for k in range(count + 1)]
+            wanted = [min(round15(end * k / count), end) for k in range(count)]
         return tuple(sorted({0.0, *wanted, end}))

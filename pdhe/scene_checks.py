@@ -21,6 +21,8 @@ SQUARENESS = 0.02
 """Largest relative difference of the two sides of a cell on a structured mesh."""
 MIN_HORIZON_RATIO = 1.2
 """Smallest horizon in units of the spacing at which every node keeps its four nearest neighbours on a rough mesh."""
+LEAST_POISSON = -0.9
+"""Least Poisson's ratio: towards -1 shear takes all the stiffness, and equilibria take ever more iterations."""
 SHARING_DISTANCE = 1.5
 """Distance in spacings from which two lines cannot share a node: either set reaches at most 0.75 spacings."""
 RESERVED = ("left", "right", "bottom", "top", "all")
@@ -77,6 +79,14 @@ def _check_mesh(scene: "Scene") -> None:
         text = f"gives about {nodes:.3g} nodes, more than {MAX_NODES:.0e}"
         raise problem(text, f"use at least {_mm(float(f'{1.01 * least:.3g}'))}", "mesh.spacing")
     key = "horizon.ratio" if scene.horizon.ratio is not None else "horizon.length"
+    structured = scene.mesh.cells == "quadrilateral" and not scene.geometry.holes
+    if structured and scene.loads is not None:
+        nx, ny, _ = square_cells(width, height, spacing)
+        diagonal = math.hypot(width / nx, height / ny)
+        if MIN_HORIZON_RATIO * spacing <= scene.horizon_length < diagonal * (1.0 - 1e-12):
+            text = f"is a horizon of {scene.horizon_length / spacing:.4g} spacings, which leaves out the diagonals"
+            hint = "along the axes alone, bonds have no lateral contraction: use at least 1.42 spacings with `loads`"
+            raise problem(text, hint, key)
     if scene.horizon_length < MIN_HORIZON_RATIO * spacing * (1.0 - 1e-12):
         text = f"is a horizon of {scene.horizon_length / spacing:.4g} spacings, which leaves nodes without neighbours"
         raise problem(text, f"use at least {MIN_HORIZON_RATIO} spacings; 3.015 is customary", key)
@@ -115,9 +125,16 @@ def _check_holes(scene: "Scene") -> None:
         room = min(x, y, width - x, height - y)
         if hole.radius >= room * (1.0 - 1e-9):
             raise problem("reaches the edge of the plate", f"use a radius below {_mm(room)}", f"{key}.radius")
+        if room - hole.radius < scene.mesh.spacing * (1.0 - 1e-9):
+            text = f"leaves {_mm(room - hole.radius)} to the edge, less than the spacing"
+            raise problem(text, "move the hole, or use a finer mesh.spacing", f"{key}.radius")
         for other in scene.geometry.holes[:k]:
             if math.dist(hole.centre, other.centre) <= (hole.radius + other.radius) * (1.0 + 1e-9):
                 raise problem(f"overlaps the hole `{other.name}`", "keep material between holes", f"{key}.centre")
+            gap = math.dist(hole.centre, other.centre) - hole.radius - other.radius
+            if gap < scene.mesh.spacing * (1.0 - 1e-9):
+                text = f"leaves {_mm(gap)} to the hole `{other.name}`, less than the spacing"
+                raise problem(text, "move the hole, or use a finer mesh.spacing", f"{key}.centre")
 
 
 def _check_cracks(scene: "Scene") -> None:
@@ -155,6 +172,12 @@ def _check_physics(scene: "Scene") -> None:
     if scene.damage is not None and scene.loads is None:
         hint = "damage follows from stretched bonds: add `loads`, or leave `damage` out"
         raise problem("needs loads", hint, "damage")
+    if scene.damage is not None and "all" in scene.damage.no_fail:
+        hint = "leave `damage` out, or name the node sets around which no bond may break"
+        raise problem("names `all`: no bond is left that may break", hint, "damage.no_fail")
+    if scene.hydrogen is not None and not _has_source(scene):
+        hint = "prescribe a coverage under `boundary`, give an `initial` one, or leave `hydrogen` out"
+        raise problem("has no source: the coverage is zero and stays so", hint, "hydrogen")
     if scene.loads is None and scene.hydrogen is None:
         raise problem("neither loads nor hydrogen is given: there is nothing to compute", "add `loads` or `hydrogen`")
     if scene.loads is not None and not scene.loads:
@@ -165,6 +188,15 @@ def _check_physics(scene: "Scene") -> None:
     if scene.damage is not None and scene.material.toughness is None:
         hint = "add `fracture_toughness` or `critical_energy_release_rate` to the material, or leave `damage` out"
         raise problem("is missing, and damage needs it", hint, "material.fracture_toughness")
+
+
+def _has_source(scene: "Scene") -> bool:
+    """Tell whether coverage is or can become other than zero, or is prescribed at all."""
+    hydrogen = scene.hydrogen
+    if hydrogen is None or hydrogen.initial > 0.0 or hydrogen.boundary:
+        return True
+    faces = scene.damage is not None or bool(scene.geometry.cracks)
+    return hydrogen.saturation is not None and scene.loads is not None and faces
 
 
 def _check_material(scene: "Scene") -> None:
@@ -179,8 +211,8 @@ def _check_material(scene: "Scene") -> None:
     if scene.loads is None:
         return
     nu, key = material.poissons_ratio, "material.poissons_ratio"
-    if nu <= -0.9:
-        raise problem("is outside the range of the bond model", "it must be greater than -0.9", key)
+    if nu < LEAST_POISSON:
+        raise problem("is outside the range of the bond model", f"it must be at least {LEAST_POISSON:g}", key)
     if scene.mechanics.model == "thesis spring" and nu > 1.0 / 3.0 + 1e-9:
         text = "is above 1/3, where the tangential springs are negative and a rotation releases energy (indefinite)"
         raise problem(text, "use `mechanics: {model: condensed rotation}`", key)

@@ -26,6 +26,8 @@ from pdhe import units
 
 MAX_LENGTH = 1e4
 """Largest length in metres; longer ones are slips such as ``Mm`` (megametre) for ``mm``."""
+MAX_TIME = 1e18
+"""Longest time in seconds: twice the age of the universe."""
 
 
 def problem(text: str, hint: str = "", key: str = "") -> PydanticCustomError:
@@ -83,6 +85,8 @@ def _quantity(*kinds: str, sign: str = "any") -> Reading:
             raise problem("must not be negative", f"for example `{shown}`")
         if "length" in kinds and abs(result) > MAX_LENGTH:
             raise problem(f"is longer than {MAX_LENGTH:g} m", "`mm` is millimetre, `Mm` is megametre")
+        if "time" in kinds and result > MAX_TIME:
+            raise problem(f"is longer than {MAX_TIME:g} s", "a year is `365 d`")
         return result
 
     schema = {"type": "string", "pattern": units.QUANTITY_PATTERN}

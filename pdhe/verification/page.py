@@ -53,8 +53,8 @@ def as_markdown(reports: Sequence[dict[str, Any]], figures: str) -> str:
             lines += [f"![{report['title']}]({figures}/{report['topic']}.png)", ""]
         lines += ["| " + " | ".join(COLUMNS) + " |", "|---|---:|---:|---:|---:|---|---|"]
         for row in report["rows"]:
-            cells = [str(cell).replace("|", "\\|").replace("\n", " ") for cell in _cells(row)]
-            lines.append("| " + " | ".join(cells) + " |")
+            texts = [str(cell).replace("|", "\\|").replace("\n", " ") for cell in cells(row)]
+            lines.append("| " + " | ".join(texts) + " |")
         lines.append("")
     return "\n".join(lines)
 
@@ -71,7 +71,7 @@ def as_html(reports: Sequence[dict[str, Any]]) -> str:
             parts.append(f"<img alt='{html.escape(report['title'])}' src='data:image/png;base64,{data}'>")
         parts.append("<table><tr>" + "".join(f"<th>{name}</th>" for name in COLUMNS) + "</tr>")
         for row in report["rows"]:
-            what, expected, measured, error, allowed, verdict, reason = (html.escape(str(c)) for c in _cells(row))
+            what, expected, measured, error, allowed, verdict, reason = (html.escape(str(c)) for c in cells(row))
             numbers = "".join(f"<td class='n'>{cell}</td>" for cell in (expected, measured, error, allowed))
             state = "ok" if row["passed"] else "bad"
             parts.append(f"<tr><td>{what}</td>{numbers}<td class='{state}'>{verdict}</td><td>{reason}</td></tr>")
@@ -89,7 +89,8 @@ def _summary(reports: Sequence[dict[str, Any]]) -> str:
     )
 
 
-def _cells(row: dict[str, Any]) -> tuple[str, ...]:
+def cells(row: dict[str, Any]) -> tuple[str, ...]:
+    """A row as text: what, expected, measured, error, allowed, verdict, reason."""
     unit = "" if row["unit"] == "1" else f" {row['unit']}"
     kind, relative = row["kind"], row["kind"] == "relative"
     bound = {"at most": "<= ", "at least": ">= "}.get(kind, "")

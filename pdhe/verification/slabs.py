@@ -58,6 +58,8 @@ def plate_scene(
         "fracture_toughness": 58.4e6,
         "diffusivity": DIFFUSIVITY,
     }
+    # A sealed plate without any hydrogen would be refused: there is nothing to compute.
+    hydrogen = {"initial": 0.0 if boundary else 1.0, **(hydrogen or {})}
     conditions = [{"on": name, "coverage": {"times": [0.0], "values": [value]}} for name, value in boundary.items()]
     resolved = {
         "title": "verification",
@@ -65,7 +67,7 @@ def plate_scene(
         "mesh": {"spacing": spacing, "cells": cells},
         "horizon": {"ratio": ratio},
         "material": material,
-        "hydrogen": {"kernel": kernel, "boundary": conditions, **(hydrogen or {})},
+        "hydrogen": {"kernel": kernel, "boundary": conditions, **hydrogen},
         "time": {"end": end},
         "outputs": {"times": [end]},
     }

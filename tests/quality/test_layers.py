@@ -34,7 +34,7 @@ def test_external_packages_stay_in_their_modules(path):
         "yaml": ("yamlfile",),
         "gmsh": ("mesh",),
         "pint": ("units",),
-        "matplotlib": ("plotting", "verification", "benchmarks", "tradeoff"),
+        "matplotlib": ("plotting", "verification", "benchmarks", "tradeoff", "extremes"),
         "snakemake": (),
     }
     here = path.relative_to(ROOT / "pdhe").with_suffix("").parts[0]

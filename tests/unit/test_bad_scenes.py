@@ -153,7 +153,7 @@ BAD = {
     "material name is a path": ({"material": "../../secret"}, "material", "not a known material", "known materials"),
     "material is a number": ({"material": 4340}, "material", "must be a block of keys", "`youngs_modulus`"),
     "incompressible": ({"material.poissons_ratio": 0.5}, "material.poissons_ratio", "less than 0.5", ""),
-    "strongly auxetic": ({"material.poissons_ratio": -0.95}, "material.poissons_ratio", "bond model", "than -0.9"),
+    "strongly auxetic": ({"material.poissons_ratio": -0.95}, "material.poissons_ratio", "bond model", "at least -0.9"),
     "thesis spring above 1/3": (THESIS_SPRING, "material.poissons_ratio", "indefinite", "condensed rotation"),
     "unknown model": ({"mechanics.model": "bond"}, "mechanics.model", "not one of the choices", "`thesis spring`"),
     "contradictory toughness": (

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from pdhe.benchmarks.registry import BENCHMARKS, configured
 from pdhe.errors import PdheError
+from pdhe.extremes.registry import EXTREMES
 from pdhe.provenance import canonical, digest, fingerprint
 from pdhe.study import load_studies
 from pdhe.tradeoff.design import load_trades
@@ -73,6 +74,7 @@ if workflow.config_settings.config:
 
 
 wildcard_constraints:
+    group="|".join(map(re.escape, EXTREMES)),
     measurement="|".join(map(re.escape, MEASUREMENTS)),
     trade="|".join(map(re.escape, TRADES)),
     topic="|".join(map(re.escape, CHECKS)),
