@@ -57,7 +57,7 @@ Nothing is said about the path beforehand.
 
 The straight crack stays straight within a cell. The inclined one turns at once across the load; its dry kink is
 compared with that of the maximum tangential stress for the ratio of sliding to opening that the model itself shows
-behind the tip. The offset cracks pass each other and hook; in hydrogen one of them ends on the other. The crack near
+behind the tip. The offset cracks overlap and hook; in hydrogen one of them ends on the other. The crack near
 the hole runs into it, and goes on from its far side.
 
 In hydrogen the paths are those of the dry plates on the whole, but the inclined crack kinks more sharply: 66 to 86
@@ -131,7 +131,7 @@ def _path_rows(name: str, wet: bool, result: xr.Dataset, dry: xr.Dataset, spacin
         left, right = (grown(middles, LAYOUTS[name].cracks[key][1]) for key in LAYOUTS[name].cracks)
         return [
             Row(f"{title}, {state}: smaller one of the growths of the two cracks", 0.01, min(left, right), unit="m",
-                kind="at least", reason="both cracks grow: they pass each other"),
+                kind="at least", reason="both cracks grow; measured 19 mm dry, 24 mm in hydrogen, 40 mm lie between"),
         ]  # fmt: skip
     (hole,) = LAYOUTS[name].holes
     gap = np.hypot(*(path(result) - hole["centre"]).T).min() - hole["radius"]

@@ -40,11 +40,12 @@ hardly changes as the crack grows, and the speed is the mean one from 10 mm to 4
 The two ends of the curve follow from elasticity, and are checked by loading plates of uniform coverage until the crack
 runs. A saturated plate needs exactly 0.122 of the load of a dry one. Both ends lie a quarter above the nominal 7.1 and
 58.4 MPa sqrt(m), because a crack has to pass the hardest spot of each cell of a lattice (see the topic on toughness).
-In between the speed rises with K all the way: higher loads need less hydrogen, and less hydrogen arrives sooner. There
-is no plateau such as laboratory curves have; nothing in the model (no surface reaction, no transport to the tip, no
-traps) would make one. Just above the threshold nothing happens until the whole plate is nearly saturated; the crack
-then finds hydrogen everywhere, and its speed belongs to this plate, not to the load (open symbols: mean coverage
-above one half when growth starts).
+In between, wherever growth starts before the plate is half full, the speed rises with K: higher loads need less
+hydrogen, and less hydrogen arrives sooner. There is no plateau such as laboratory curves have; nothing in the model (no
+surface reaction, no transport to the tip, no traps) would make one. Just above the threshold nothing happens until the
+whole plate is nearly saturated; the crack then finds hydrogen everywhere, and its speed belongs to this plate, not to
+the load: it is even higher there than at twice the load (open symbols: mean coverage above one half when growth
+starts).
 
 At high loads the speed is set by diffusion from the saturated faces to the bonds at the tip, and that is a matter of
 cells: v is proportional to D / spacing at a given K, and a wider horizon at the same spacing changes it little. The

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 ROWS = {3: (11 / 28, 6 / 28, 1 / 28), 5: (35 / 80, 26 / 80, 17 / 80, 8 / 80, 1 / 80)}
 EXACT = "closed form; round-off only"
 
-TEXT = """The first seven lines are the unit cases of section 8.1 of the thesis, put to the functions that the
+TEXT = """The lines numbered 8.1 are the unit cases of section 8.1 of the thesis, put to the functions that the
 solver uses. Two of them needed a correction. The surface correction 2 V0 / (V_i + V_j) with V_i = 4, V_j = 5 and
 horizon 3 gives the printed 37.6991 = 12 pi and 75.3982 = 24 pi if the uncorrected stiffnesses are 1 and 2 and the
 thickness is 6; the thesis gives neither, and its formula for V0, h / (pi delta^2), cannot give a value with pi in

@@ -47,8 +47,8 @@ ALLOWED = {
     "stretch": {3.015: 0.50, 4.0: 0.35, 5.0: 0.25},
 }
 MEASURED = {
-    "energy": {3.015: "+15 % to +22 %", 4.0: "+8 % to +19 %", 5.0: "+2 % to +9 %"},
-    "stretch": {3.015: "+22 % to +37 %", 4.0: "+11 % to +25 %", 5.0: "-2 % to +19 %"},
+    "energy": {3.015: "+9 % to +22 %", 4.0: "+8 % to +19 %", 5.0: "+2 % to +9 %"},
+    "stretch": {3.015: "+20 % to +37 %", 4.0: "+11 % to +25 %", 5.0: "-2 % to +19 %"},
 }
 BONDS = "measured -5 % to +6 %: bonds left unbroken or broken beside the path, and ten cells of growth only"
 
@@ -67,13 +67,18 @@ at fixed grips sheds its own energy and some of its neighbours', and in a quasi-
 The load at which the crack runs is higher still, since the crack has to pass the hardest spot of each cell (lattice
 trapping): by 10 % to 50 % in energy, 5 % to 20 % in load. Both are properties of discrete bonds, not of the
 calibration; nothing is done to compensate them. Under the critical stretch bonds almost parallel to the crack stay
-unbroken and bridge it, and shear adds energy to the others; all numbers are higher. The crack starts below the
-input where the bonds at the tip of a notch cut by a line are loaded unevenly; it then stops after a cell or two.
+unbroken and bridge it, and shear adds energy to the others: the load at which the crack runs is always higher, by 9 %
+to 29 % in energy, and so is the energy of the bonds and of the strip but on the lattice at 22.5 degrees with m = 4 and
+5, where the crack leaves many bonds whole. The crack starts below the input where the bonds at the tip of a notch cut
+by a line are loaded unevenly; it then stops after a cell or two.
+
+Nothing but the height of the strip sets a length here, so that strips with fewer and more rows of cells are the same
+strip with another spacing. The energy of the broken bonds does not depend on it within the scatter of the other lines.
 
 The discrete sum over the bonds and the integral over a full disc give critical stretches that differ by at most 2 %
-with moment-matched bonds, and both hold equally well (3 % rms); without corrections (the lines marked
-"uncorrected") the integral misses a sixth of the energy and the discrete sum holds as well as before. Discrete is
-therefore the default."""
+with moment-matched bonds, and both hold about equally well: 3.6 % rms and 2.8 % rms, where single paths scatter by as
+much. Without corrections (the lines marked "uncorrected") the integral misses a sixth of the energy and the discrete
+sum holds as well as before. Its largest error over all lines is the smaller one: discrete is therefore the default."""
 
 
 @dataclass(frozen=True)
@@ -205,7 +210,7 @@ def run(
     columns: int = 60,
     rows: int = 40,
     cells: int = 14,
-    heights: tuple[int, ...] = (28,),
+    heights: tuple[int, ...] = (28, 56),
 ) -> Report:
     """Follow cracks for every horizon ratio, node type and criterion; ``heights`` repeats one case on other strips."""
     notch = round(0.7 * rows) * SPACING
@@ -252,11 +257,19 @@ def run(
     lines += _comparisons(paths, ratios, nodes)
     for height in heights:
         path = case(ratios[0], "0", "energy", height)
-        judge(f"energy of the broken bonds, {height} rows of cells", path.bonds, 0.10, BONDS)
+        where = f"{height} rows of cells instead of {rows}"
+        judge(f"energy of the broken bonds, {where}", path.bonds, 0.10, BONDS)
+        judge(f"the crack runs, {where}", path.runs, 0.0, "not judged: lattice trapping")
     bare = case(ratios[0], "0", "energy", rows, "none", "thesis")
     judge("energy of the broken bonds, uncorrected, discrete calibration", bare.bonds, 0.10, BONDS)
     why = "not judged: the integral counts bonds that these families lack"
     judge("energy of the broken bonds, uncorrected, continuum calibration", bare.bonds * bare.continuum, 0.0, why)
+    chosen = [bare, *(path for (criterion, *_), path in paths.items() if criterion == "energy")]
+    worst = [max(abs(p.bonds * (p.continuum if integral else 1.0) - 1.0) for p in chosen) for integral in (False, True)]
+    lines.append(
+        Row("largest error of the energy of the broken bonds, uncorrected ones included, discrete over continuum", 1.0,
+            worst[0] / worst[1], 0.0, "1", "at most", "measured 0.36: why the discrete calibration is the default")
+    )  # fmt: skip
     first = paths["energy", ratios[0], "0"]
     whole = scene_run(ratios[0], columns, rows, notch)
     why = "the same breaks in the same order: measured 1e-13; a break in another order would show as some per cent"

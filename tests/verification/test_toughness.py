@@ -1,3 +1,4 @@
+from pdhe.scene_blocks import Damage
 from pdhe.verification.toughness import run
 
 
@@ -9,3 +10,8 @@ def test_a_running_crack_takes_the_fracture_energy_put_in(tmp_path):
     assert all(line["runs"] > 1.0 for line in report.tables["paths"])
     report.write(tmp_path)
     assert (tmp_path / "figure.png").stat().st_size > 10_000
+
+
+def test_the_calibration_that_measures_best_is_the_default():
+    assert Damage.model_fields["calibration"].default == "discrete"
+    assert Damage.model_fields["criterion"].default == "energy"
