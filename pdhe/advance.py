@@ -179,12 +179,16 @@ def _diffuse_far(case: Case, state: State, until: float) -> None:
     """Go on with long steps while they pay: nothing can break, and nothing prescribed changes."""
     diffusion, span = case.diffusion, until - state.time
     source = diffusion.source({c.on: c.coverage(state.time) for c in case.scene.hydrogen.boundary if c.on in EDGES})
-    stepper = SuperStepper(diffusion, state.held, source)
+    stepper = state.stepper
+    if stepper is None or not stepper.fits(state.held, source):
+        stepper = state.stepper = SuperStepper(diffusion, state.held.copy(), source)
     if span < stepper.shortest:
         return
+    sweeps, iterations = stepper.sweeps, stepper.iterations
     state.coverage, entered, state.long_step = stepper.advance(state.coverage, span, state.long_step)
     state.supply += entered
-    state.diffusion_sweeps += stepper.sweeps
+    state.diffusion_sweeps += stepper.sweeps - sweeps
+    state.diffusion_iterations += stepper.iterations - iterations
     state.time = until
 
 

@@ -58,6 +58,9 @@ FIELDS: dict[str, Field] = {
     "equilibrium_iterations": Field("1", "conjugate-gradient iterations so far", _HISTORY),
     "force_sweeps": Field("1", "force sweeps over all bonds so far", _HISTORY),
     "diffusion_sweeps": Field("1", "diffusion sweeps over all bonds so far", _HISTORY),
+    "diffusion_iterations": Field(
+        "1", "iterations of implicit diffusion steps so far, their sweeps counted above", _HISTORY
+    ),
     "broken_i": Field("1", "first node of the broken bond", ("broken",)),
     "broken_j": Field("1", "second node of the broken bond", ("broken",)),
     "broken_time": Field("s", "time at which the bond broke", ("broken",)),

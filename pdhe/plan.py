@@ -7,6 +7,7 @@ import numpy as np
 from pdhe.case import Case
 from pdhe.errors import SceneError
 from pdhe.forecast import Pilot, make_forecast
+from pdhe.supersteps import implicit_from
 from pdhe.transport import STEP_SAFETY, DiffusionStep
 
 #: Horizons that a pre-crack should be long, and spacings that hydrogen should reach, for either to be resolved.
@@ -131,7 +132,13 @@ def _hydrogen(case: Case) -> str:
     else:
         step = STEP_SAFETY * limit
     count = DiffusionStep.sweeps * case.scene.time.end / step if np.isfinite(step) and step > 0.0 else 0
-    return f"hydrogen: on, explicit steps of at most {step:.4g} s (limit {limit:.4g} s), at least {count:.0f} sweeps"
+    text = f"hydrogen: on, explicit steps of at most {step:.4g} s (limit {limit:.4g} s), "
+    if stepping.mode == "fixed":
+        return f"{text}at least {count:.0f} sweeps"
+    return (
+        f"{text}{count:.0f} sweeps for the whole time; fewer while nothing can break: steps of many stages, implicit "
+        f"ones where accuracy allows more than about {implicit_from(limit):.3g} s"
+    )
 
 
 def _stepping(case: Case) -> str:

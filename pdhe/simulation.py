@@ -272,6 +272,7 @@ def record(case: Case, state: State, recorder: Recorder, snapshot: bool) -> None
             "hydrogen_content": content,
             "hydrogen_influx": float(state.supply.sum()),
             "diffusion_sweeps": state.diffusion_sweeps,
+            "diffusion_iterations": state.diffusion_iterations,
         }
         fields["coverage"] = state.coverage
     recorder.row(**row)

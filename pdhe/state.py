@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +28,8 @@ class State:
         Hydrogen that entered through each node, m^3 (n,).
     long_step
         Length that the next long diffusion step should try, s.
+    stepper
+        What takes long diffusion steps, kept while held nodes and edges stay as they are.
     """
 
     time: float = 0.0
@@ -37,10 +40,12 @@ class State:
     saturated: np.ndarray | None = None
     supply: np.ndarray | None = None
     long_step: float = 0.0
+    stepper: Any = None
     external_work: float = 0.0
     fracture_energy: float = 0.0
     broken_bonds: int = 0
     failure_rounds: int = 0
     diffusion_sweeps: int = 0
+    diffusion_iterations: int = 0
     crack_extension: float = 0.0
     crack_tip: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))

@@ -1,12 +1,15 @@
 """Long diffusion steps: order, bounds, balance, and what they save."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pdhe import supersteps
 from pdhe.bonds import build_bonds
+from pdhe.implicit import ImplicitStepper
 from pdhe.supersteps import SuperStepper
 from pdhe.transport import DiffusionStep, Edge, build_diffusion
 from tests.lattices import THICKNESS, lattice
@@ -41,7 +44,9 @@ def test_second_order_in_time(slab):
     for count in counts:
         here = psi
         for _ in range(count):
-            here, _ = stepper.step(here, *stepper.rates(here), span / count, stepper.stages(span / count))
+            here, _ = stepper.step(
+                here, *stepper.rates(here), span / count, supersteps.stages_for(span / count / stepper.short)
+            )
         errors.append(np.abs(here - exact).max())
     orders = np.diff(np.log(errors)) / np.diff(np.log(counts))
     assert errors[0] > 1e-7
@@ -91,3 +96,77 @@ def test_a_uniform_field_takes_the_longest_steps(slab):
     # Measured 2e-15.
     assert np.abs(psi - 1.0).max() < 1e-13
     assert stepper.sweeps <= 2 * supersteps.MOST_STAGES + 1
+
+
+def long_steps(slab, monkeypatch, psi, span, held, source):
+    """A stepper that went on implicitly as soon as it would for nothing, and what it gives."""
+    monkeypatch.setattr(supersteps, "STAGES_PER_ITERATION", 0.0)
+    monkeypatch.setattr(supersteps, "BUILDING", 0.0)
+    stepper = SuperStepper(slab, held, source)
+    return stepper, *stepper.advance(psi, span, 0.0)[:2]
+
+
+def test_implicit_steps_are_accurate_and_close_the_balance(slab, monkeypatch):
+    held, source = np.zeros(slab.volume.size, bool), slab.source({"left": 1.0})
+    held[slab.volume.size // 2 :][:5] = True
+    start, span = np.zeros(slab.volume.size), 2000 * slab.stable_step(held)
+    stepper, psi, supply = long_steps(slab, monkeypatch, start, span, held, source)
+    exact, _ = short_steps(slab, start, span, held, source)
+    assert stepper.iterations > 100
+    assert psi.max() > 0.5
+    assert np.abs(psi - exact).max() < 3 * supersteps.TOLERANCE  # measured 0.3 of it
+    content = float(psi @ slab.volume)
+    assert float(supply.sum()) == pytest.approx(content, rel=1e-12)  # measured 1e-13
+    assert np.all(psi[held] == start[held])
+
+
+def test_no_step_is_too_long_for_implicit_ones(slab, monkeypatch):
+    """One step to rest; its length and the mesh hardly matter to the iterations."""
+    held, source = np.zeros(slab.volume.size, bool), slab.source({"left": 0.4})
+    psi = np.random.default_rng(0).uniform(size=held.size)
+    stepper, counts = ImplicitStepper(slab, held, source), []
+    for ratio in (1e3, 1e6, 1e9):
+        before = stepper.iterations
+        rate, _ = SuperStepper(slab, held, source).rates(psi)
+        _, end = stepper.step(psi, rate, ratio * slab.stable_step(held))
+        counts.append(stepper.iterations - before)
+        assert np.abs(end - 0.4).max() < 0.6 * 500.0 / ratio
+    assert max(counts) <= 60, counts  # measured 49, 55, 59
+
+
+@pytest.mark.filterwarnings("error")
+def test_implicit_steps_without_any_edge_keep_the_content(slab):
+    """The equations stay regular where nothing leaves the plate; nodes without a free neighbour do no harm."""
+    held, source = np.zeros(slab.volume.size, bool), np.zeros(slab.volume.size)
+    sealed = replace(slab, exchange={})
+    psi = np.random.default_rng(0).uniform(size=held.size)
+    rate, _ = SuperStepper(sealed, held, source).rates(psi)
+    _, end = ImplicitStepper(sealed, held, source).step(psi, rate, 1e6 * slab.stable_step(held))
+    assert np.ptp(end) < 1e-3
+    # Products are a million times larger than coverages: measured 7e-12.
+    assert end.mean() == pytest.approx(psi.mean(), rel=1e-10)
+    held[:] = True
+    held[100] = False
+    rate, _ = SuperStepper(sealed, held, source).rates(psi)
+    _, end = ImplicitStepper(sealed, held, source).step(psi, rate, 1e6 * slab.stable_step(held))
+    assert np.all(end[held] == psi[held])
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    seed=st.integers(0, 10**6),
+    edge=st.floats(0.0, 1.0),
+    held_share=st.floats(0.0, 0.5),
+    length=st.floats(1.0, 1e6),
+)
+def test_implicit_steps_never_leave_the_bounds_of_the_data(slab, monkeypatch, seed, edge, held_share, length):
+    rng = np.random.default_rng(seed)
+    psi = rng.choice([0.0, 1.0, 0.3], slab.volume.size)
+    held = rng.uniform(size=psi.size) < held_share
+    span = length * slab.stable_step(np.zeros(psi.size, bool))
+    _, new, supply = long_steps(slab, monkeypatch, psi, span, held, slab.source({"left": edge}))
+    low, high = min(psi.min(), edge), max(psi.max(), edge)
+    assert low - 1e-11 <= new.min() and new.max() <= high + 1e-11
+    assert np.all(new[held] == psi[held])
+    change = float((new - psi) @ slab.volume)
+    assert abs(float(supply.sum()) - change) <= 1e-10 * float(slab.volume.sum())
