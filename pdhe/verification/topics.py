@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 TOPICS: dict[str, str] = {
     "operators": "pdhe.verification.operators",
     "boundary": "pdhe.verification.boundary",
+    "decoupled": "pdhe.verification.decoupled",
     "moduli": "pdhe.verification.moduli",
     "compliance": "pdhe.verification.compliance",
     "convergence_mechanics": "pdhe.verification.convergence_mechanics",
