@@ -163,6 +163,14 @@ def index(arguments: argparse.Namespace) -> None:
     _write(arguments.out, study.table(outcomes))
 
 
+def diagnose(arguments: argparse.Namespace) -> None:
+    """Explain a result: what broke or how far from it, energy, hydrogen, work, origin."""
+    from pdhe.diagnosis import diagnose as explain
+
+    for path in arguments.files:
+        print(explain(path))
+
+
 def verify(arguments: argparse.Namespace) -> None:
     """Tell which results no longer match their hashes, their names, or the code and versions that made them."""
     from pdhe.store import check, solutions_and_nodes
@@ -383,6 +391,7 @@ def _parser() -> argparse.ArgumentParser:
         option("--solutions", type=Path, metavar="FOLDER", help="folder of the solutions, results/store/solve"),
         anywhere,
     )
+    add(diagnose, option("files", nargs="+", type=Path, metavar="RESULT", help="result of a solve"))
     place = option("results", nargs="?", type=Path, default=Path("results"), metavar="RESULTS", help="results folder")
     add(verify, place)
     add(
