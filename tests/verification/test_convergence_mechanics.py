@@ -4,7 +4,7 @@ from pdhe.verification.convergence_mechanics import run, stiffness_ratios
 def test_displacements_converge(tmp_path):
     report = run(counts=(28, 56), columns=(20, 40), ratios=(2, 4))
     assert report.passed, [row for row in report.rows if not row.passed]
-    assert len(report.rows) == 2 * 6 + 3
+    assert len(report.rows) == 2 * 6 + 2 * 2 + 1
     report.write(tmp_path)
     assert (tmp_path / "figure.png").stat().st_size > 10_000
 
