@@ -82,11 +82,35 @@ def run(arguments: argparse.Namespace) -> None:
     from pdhe.simulation import solve_case
 
     out = _ready(arguments.out)
-    scene = load_scene(arguments.scene)
+    changes, remarks = _chosen(arguments.scene)
+    scene = load_scene(arguments.scene, changes)
     mesh_file = out.with_suffix(".msh")
     make_mesh(scene.geometry, scene.mesh, mesh_file)
     command = shlex.join(["pdhe", "run", str(arguments.scene), "--out", str(out)])
-    solve_case(scene, discretize(mesh_file, scene.geometry, scene.mesh), out, _progress, command)
+    solve_case(scene, discretize(mesh_file, scene.geometry, scene.mesh), out, _progress, command, remarks)
+
+
+def choose(arguments: argparse.Namespace) -> None:
+    """Find the settings with which a scene is as accurate as it asks for, by runs on coarse meshes."""
+    from pdhe.tradeoff.choose import choose as choose_settings
+
+    choice = choose_settings(arguments.scene, _progress)
+    print(choice.text())
+
+
+def _chosen(scene: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Settings of a scene that leaves them to its accuracy, and what its result tells of them; nothing otherwise."""
+    from pdhe.fidelity import leaves_spacing_to_accuracy
+    from pdhe.scene_reading import read_scene_file
+
+    if not leaves_spacing_to_accuracy(read_scene_file(scene)):
+        return {}, {}
+    from pdhe.tradeoff.choose import choose as choose_settings
+
+    choice = choose_settings(scene, _progress)
+    _progress(choice.text())
+    errors = json.dumps(choice.errors, sort_keys=True)
+    return choice.changes, {"choice": choice.text(), "predicted_error": choice.predicted, "predicted_errors": errors}
 
 
 def plan(arguments: argparse.Namespace) -> None:
@@ -99,7 +123,7 @@ def plan(arguments: argparse.Namespace) -> None:
     from pdhe.scene import load_scene
     from pdhe.simulation import fly_pilot
 
-    scene = load_scene(arguments.scene)
+    scene = load_scene(arguments.scene, _chosen(arguments.scene)[0])
     with tempfile.TemporaryDirectory() as folder:
         mesh_file = Path(folder, "plan.msh")
         make_mesh(scene.geometry, scene.mesh, mesh_file)
@@ -112,6 +136,7 @@ def plan(arguments: argparse.Namespace) -> None:
 
 def validate(arguments: argparse.Namespace) -> None:
     """Check scene and study files; every file is checked, also after an error in one of them."""
+    from pdhe.fidelity import leaves_spacing_to_accuracy
     from pdhe.scene import load_scene
     from pdhe.study import load_study
     from pdhe.yamlfile import read_yaml
@@ -131,6 +156,9 @@ def validate(arguments: argparse.Namespace) -> None:
                 print(f"{file}: design with {runs} runs")
             elif isinstance(content, dict) and "study" in content:
                 print(f"{file}: study with {len(load_study(file).cases)} case(s)")
+            elif isinstance(content, dict) and leaves_spacing_to_accuracy(content):
+                scene = load_scene(file, {"accuracy": None, "fidelity": "fine"})
+                print(f"{file}: scene '{scene.title}', settings left to its accuracy")
             else:
                 print(f"{file}: scene '{load_scene(file).title}'")
         except PdheError as error:
@@ -313,7 +341,7 @@ def trade(arguments: argparse.Namespace) -> None:
 
 def tradeoff_page(arguments: argparse.Namespace) -> None:
     """Gather the scenes of a design in one picture, one table and one page."""
-    from pdhe.tradeoff.page import as_csv, as_html, as_markdown, draw, gather
+    from pdhe.tradeoff.page import as_csv, as_html, as_markdown, draw, gather, models_of
 
     scenes = gather(arguments.folders)
     draw(scenes, _ready(arguments.picture))
@@ -321,6 +349,8 @@ def tradeoff_page(arguments: argparse.Namespace) -> None:
     _write(arguments.out, as_html(scenes, arguments.picture))
     if arguments.markdown:
         _write(arguments.markdown, as_markdown(scenes))
+    if arguments.models:
+        _write(arguments.models, json.dumps(models_of(scenes), indent=1) + "\n")
 
 
 def extremes(arguments: argparse.Namespace) -> None:
@@ -372,6 +402,7 @@ def _parser() -> argparse.ArgumentParser:
 
     add(run, scene, file("--out", help="result to write; the mesh goes beside it"))
     add(plan, scene)
+    add(choose, scene)
     add(validate, option("files", nargs="+", type=Path, metavar="FILE", help="scene or study file"))
     add(schema, anywhere)
     add(mesh, spec, file("--out", help="mesh to write"))
@@ -437,7 +468,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     measured = option("folders", nargs="+", type=Path, metavar="FOLDER", help="folder of a measured scene")
     picture, numbers = file("--picture", help="picture to write"), file("--csv", help="table of all runs to write")
-    add(tradeoff_page, measured, file("--out", help="page to write"), picture, numbers, tables)
+    models = file("--models", help="orders of convergence to write, for `pdhe choose`", required=False)
+    add(tradeoff_page, measured, file("--out", help="page to write"), picture, numbers, tables, models)
     return parser
 
 

@@ -12,7 +12,9 @@ from typing import Annotated, Any, cast
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from pdhe import scene_fields as fields
+from pdhe.fidelity import fill_in
 from pdhe.scene_blocks import (
+    FIDELITIES,
     CoverageCondition,
     Crack,
     Damage,
@@ -33,7 +35,7 @@ from pdhe.scene_blocks import (
     Time,
 )
 from pdhe.scene_checks import RESERVED, check_scene
-from pdhe.scene_fields import Block
+from pdhe.scene_fields import Block, choice
 from pdhe.scene_history import PiecewiseLinear
 from pdhe.scene_reading import material_mapping, override, read_scene_file, reporting
 from pdhe.units import round15
@@ -68,6 +70,8 @@ class Scene(Block):
     """One simulation: geometry, mesh, material, physics, time and outputs. Blocks that are absent are None."""
 
     title: fields.Text = "Untitled scene"
+    fidelity: Annotated[str, choice(*FIDELITIES)] | None = None
+    accuracy: fields.Accuracy | None = None
     geometry: Geometry
     mesh: Mesh
     horizon: Horizon = Horizon(ratio=3.015)
@@ -170,6 +174,7 @@ def load_scene(
         override(raw, key, value, file)
         if isinstance(raw.get("material"), str):
             raw["material"] = material_mapping(file, raw["material"], materials_dir, Material)
+    fill_in(raw, file)
     with reporting(file, raw, tuple(overrides or ())):
         return Scene.model_validate(raw)
 
@@ -180,6 +185,9 @@ def scene_json_schema() -> dict[str, Any]:
     material = schema["properties"]["material"]
     name = {"type": "string", "description": "name of a material file, for example `AISI 4340`"}
     schema["properties"]["material"] = {"anyOf": [name, material]}
+    # A fidelity gives the spacing where the scene does not.
+    schema["required"].remove("mesh")
+    schema["$defs"]["Mesh"]["required"].remove("spacing")
     schema["$defs"]["Hydrogen"]["properties"]["saturation"]["anyOf"].append({"const": "off"})
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -36,9 +36,16 @@ Progress = Callable[[str], None]
 
 
 def solve_case(
-    scene: Scene, discretization: Discretization, path: str | Path, progress: Progress | None = None, command: str = ""
+    scene: Scene,
+    discretization: Discretization,
+    path: str | Path,
+    progress: Progress | None = None,
+    command: str = "",
+    remarks: Mapping[str, Any] | None = None,
 ) -> None:
-    """Run a scene and write its result file, which says what made it; ``command`` is the one that was given.
+    """Run a scene and write its result file, which says what made it.
+
+    ``command`` is the one that was given, ``remarks`` are further attributes of the file.
 
     Raises
     ------
@@ -63,6 +70,7 @@ def solve_case(
             "versions": json.dumps(versions(), sort_keys=True),
             "machine": machine(),
             "command": command,
+            **(remarks or {}),
         }
     )
     contents.write(path)

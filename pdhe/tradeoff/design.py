@@ -11,6 +11,7 @@ from typing import Any
 from pdhe.errors import SceneError
 from pdhe.provenance import digest
 from pdhe.scene import Scene, load_scene
+from pdhe.scene_blocks import FIDELITIES
 from pdhe.yamlfile import read_yaml
 
 #: What may be compared, and what a reader calls it; computed in :mod:`pdhe.tradeoff.quantities`.
@@ -46,8 +47,8 @@ class Run:
     Attributes
     ----------
     group
-        ``reference`` for the runs that the limit is extrapolated from, ``default``, the key of a knob that is turned
-        by itself, or ``together``.
+        ``reference`` for the runs that the limit is extrapolated from, ``default``, ``fidelity``, the key of a knob
+        that is turned by itself, or ``together``.
     changes
         What differs from the scene, by dotted key.
     """
@@ -118,6 +119,8 @@ class Trade:
             yield Run(spacing, "default", {"mesh.spacing": spacing})
             for changes in self.together:
                 yield Run(f"{spacing}, {_told(changes)}", "together", {"mesh.spacing": spacing, **changes})
+        for name in FIDELITIES:
+            yield Run(name, "fidelity", {"fidelity": name, "mesh.spacing": None})
         for spacing in self.knobs_at:
             for key, values in self.knobs.items():
                 for value in values:

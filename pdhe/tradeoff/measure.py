@@ -134,6 +134,7 @@ def table_of(outcomes: Sequence[Outcome], uncertainty: float) -> list[dict[str, 
             {
                 "run": outcome.run.name,
                 "group": outcome.run.group,
+                "spacing [m]": outcome.scene.mesh.spacing,
                 "nodes": outcome.nodes,
                 "bonds": outcome.bonds,
                 "error": outcome.error,

@@ -10,6 +10,7 @@ import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from statistics import median_low
 from typing import TYPE_CHECKING, Any
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -23,8 +24,11 @@ from pdhe.verification.page import STYLE
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+#: Quantity -> kind of the scenes that have it.
+_KIND_BY_QUANTITY = {"crack": "fracture", "reaction": "elastic"}
 #: Errors below this are drawn at it: a logarithmic axis has no zero.
 LEAST_DRAWN = 1e-6
+_FIDELITY: dict[str, Any] = {"linewidths": 0.8, "label": "fidelities: draft, standard, fine, reference"}
 
 _COLUMNS = ("run", "error", "work", "time", "memory", "excess")
 
@@ -36,10 +40,14 @@ def gather(folders: Sequence[str | Path]) -> dict[str, dict[str, Any]]:
         report, runs = folder / "report.json", folder / "runs.csv"
         if not (report.is_file() and runs.is_file()):
             raise PdheError(f"{folder}: no measured scene; run `pdhe trade` first")
-        with runs.open(newline="", encoding="utf-8") as file:
-            table = [{key: _number(value) for key, value in row.items()} for row in csv.DictReader(file)]
-        found[folder.name] = {**json.loads(report.read_text(encoding="utf-8")), "runs": table}
+        tables = {"runs": _table(runs), "limits": _table(folder / "limits.csv")}
+        found[folder.name] = {**json.loads(report.read_text(encoding="utf-8")), **tables}
     return found
+
+
+def _table(path: Path) -> list[dict[str, Any]]:
+    with path.open(newline="", encoding="utf-8") as file:
+        return [{key: _number(value) for key, value in row.items()} for row in csv.DictReader(file)]
 
 
 def _number(text: str) -> Any:
@@ -54,6 +62,27 @@ def _number(text: str) -> Any:
 def uncertainty_of(scene: dict[str, Any]) -> float:
     """Uncertainty of the reference of a scene: the largest of its quantities that count."""
     return next(row["measured"] for row in scene["rows"] if row["what"] == "reference: uncertainty")
+
+
+def models_of(scenes: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """How errors fall with the spacing in each kind of scene: what :mod:`pdhe.tradeoff.choose` starts from.
+
+    The order of a kind is the median of those of its quantities; of two in the middle, the slower.
+    """
+    kinds: dict[str, dict[str, float]] = {}
+    for name, scene in scenes.items():
+        orders = {f"{name}: {row['quantity']}": row["order"] for row in scene["limits"]}
+        known = (kind for quantity, kind in _KIND_BY_QUANTITY.items() if f"{name}: {quantity}" in orders)
+        kind = next(known, "diffusion")
+        kinds.setdefault(kind, {}).update(orders)
+    models = {
+        kind: {
+            "order": round(median_low(orders.values()), 2),
+            "orders": {name: round(o, 2) for name, o in orders.items()},
+        }
+        for kind, orders in kinds.items()
+    }
+    return {"version": 1, "source": "pdhe tradeoff-page --models (docs/tradeoff.md)", "kinds": models}
 
 
 def as_csv(scenes: dict[str, dict[str, Any]]) -> str:
@@ -91,7 +120,7 @@ def front_panel(ax: Axes, table: Sequence[dict[str, Any]], uncertainty: float) -
     def of(*groups: str) -> list[tuple[float, float]]:
         return [point for point, row in zip(points, rows, strict=True) if row["group"] in groups]
 
-    ordinary = {str(row["group"]) for row in rows} - {"default", "reference"}
+    ordinary = {str(row["group"]) for row in rows} - {"default", "reference", "fidelity"}
     ax.scatter(*_columns(of(*ordinary)), s=12, color="0.72", linewidths=0, label="a setting changed, or several")
     ax.scatter(
         *_columns(of("reference")), s=16, marker="s", facecolors="none", edgecolors="0.45", label="tight settings"
@@ -103,10 +132,14 @@ def front_panel(ax: Axes, table: Sequence[dict[str, Any]], uncertainty: float) -
     for row, (work, error) in zip(default, of("default"), strict=True):
         if row in (default[0], default[-1]):
             ax.annotate(row["run"], (work, error), (4, 4), textcoords="offset points", fontsize=7, color=COLOURS[0])
+    ax.scatter(*_columns(of("fidelity")), s=46, marker="D", color=COLOURS[2], edgecolors="white", zorder=4, **_FIDELITY)
+    for row, (work, error) in zip([r for r in rows if r["group"] == "fidelity"], of("fidelity"), strict=True):
+        place = {"xytext": (-4, -5), "ha": "right", "va": "top", "fontsize": 7, "color": COLOURS[2]}
+        ax.annotate(row["run"], (work, error), textcoords="offset points", **place)
     ax.set_xscale("log")
     ax.set_yscale("log")
     low, high = (f(error for _, error in points) for f in (min, max))
-    low, high = 0.7 * low, 1.5 * high
+    low, high = 0.5 * low, 1.5 * high
     if 100.0 * uncertainty > low:
         ax.axhspan(low, 100.0 * uncertainty, color="0.92", lw=0, zorder=0, label="within the reference's uncertainty")
     decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
@@ -126,7 +159,7 @@ def knob_table(scene: dict[str, Any]) -> list[dict[str, Any]]:
     default = {row["run"]: row for row in scene["runs"] if row["group"] == "default"}
     rows = []
     for row in scene["runs"]:
-        if row["group"] in ("default", "reference", "together"):
+        if row["group"] in ("default", "fidelity", "reference", "together"):
             continue
         spacing, _, setting = row["run"].partition(", ")
         base = default[spacing]
@@ -135,11 +168,11 @@ def knob_table(scene: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def as_markdown(scenes: dict[str, dict[str, Any]]) -> str:
-    """Tables for the documentation: the front of every scene, its defaults, and what each knob does by itself."""
-    lines = []
+    """Tables for the documentation: the fidelities, the front of every scene, and what each knob does by itself."""
+    lines = ["## Fidelities", "", *_markdown(_FIDELITY_COLUMNS, fidelity_rows(scenes)), ""]
     for scene in scenes.values():
-        lines += [f"## {scene['title']}", "", scene["text"].strip(), "", "Front, and the defaults:", ""]
-        chosen = [row for row in scene["runs"] if row["front"] is True or row["group"] == "default"]
+        lines += [f"## {scene['title']}", "", scene["text"].strip(), "", "Front, fidelities and defaults:", ""]
+        chosen = [row for row in scene["runs"] if row["front"] is True or row["group"] in ("default", "fidelity")]
         lines += _markdown(("run", "error", "work", "time", "memory", "excess"), _cost_rows(chosen))
         lines += ["", "Each setting by itself, against the defaults at the same spacing:", ""]
         cells = []
@@ -155,6 +188,33 @@ def as_markdown(scenes: dict[str, dict[str, Any]]) -> str:
         lines += _markdown(("spacing", "setting", "error", "work ×", "time ×", ""), cells)
         lines.append("")
     return "\n".join(lines)
+
+
+_FIDELITY_COLUMNS = (
+    "scene",
+    "fidelity",
+    "spacing",
+    "nodes",
+    "error",
+    "work",
+    "time",
+    "memory",
+    "over standard",
+    "excess",
+)
+
+
+def fidelity_rows(scenes: dict[str, dict[str, Any]]) -> list[tuple[str, ...]]:
+    """Error and cost of every fidelity in every scene."""
+    cells = []
+    for scene in scenes.values():
+        rows = [row for row in scene["runs"] if row["group"] == "fidelity"]
+        standard = next((row["work"] for row in rows if row["run"] == "standard"), math.nan)
+        for row in rows:
+            size = (f"{1e3 * row['spacing [m]']:.3g} mm", f"{row['nodes']:.0f}")
+            _, error, *cost, excess = _cost_rows([row])[0]
+            cells.append((scene["title"], row["run"], *size, error, *cost, f"{row['work'] / standard:.2g}", excess))
+    return cells
 
 
 def _cost_rows(rows: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:

@@ -35,6 +35,28 @@ def values_of(result: xr.Dataset, scene: Scene, names: Sequence[str], failure: f
     return {name: np.atleast_1d(np.asarray(_VALUES[name](result, scene, failure), float)) for name in names}
 
 
+def standard_values(result: xr.Dataset, scene: Scene) -> dict[str, np.ndarray]:
+    """What an accuracy is about: growth of cracks, reactions, elastic energy, mean coverage, openings of notches.
+
+    Histories at :data:`SAMPLES` times, SI; openings at the end, and only where nothing breaks.
+    """
+    names = [str(name) for name in result.data_vars if str(name).startswith("reaction_")]
+    names += [name for name in ("elastic_energy", "mean_coverage") if name in result]
+    values = {name: _history(result, scene, name) for name in names}
+    if "crack_length" in result:
+        return values | {"crack": _crack(result, scene, 0.0)}
+    if "displacement" in result:
+        sets, displacement = json.loads(result.attrs["node_sets"]), result["displacement"].values[-1]
+        for crack in scene.geometry.cracks:
+            values[f"opening of {crack.name}"] = np.atleast_1d(np.ptp(displacement[sets[crack.name]], axis=0).max())
+    return values
+
+
+def _history(result: xr.Dataset, scene: Scene, name: str) -> np.ndarray:
+    values = result[name].values
+    return values[-1:] if scene.time.end == 0.0 else np.interp(_times(scene), result["history_time"].values, values)
+
+
 def _times(scene: Scene) -> np.ndarray:
     return scene.time.end * np.arange(1, SAMPLES + 1) / SAMPLES
 
@@ -105,7 +127,7 @@ class Limit:
     order
         Order of convergence of the fit.
     uncertainty
-        Largest distance from it of the limits that the same fit gives without one of the meshes, relative.
+        Largest distance from it of the limits that fits of the same order give without one of the meshes, relative.
     finest
         Distance of the finest mesh from the limit, relative.
     """
@@ -135,20 +157,25 @@ def limit_of(spacings: Sequence[float], values: Sequence[np.ndarray]) -> Limit:
     finest would multiply their scatter (Eça and Hoekstra, J. Comput. Phys. 262, 2014).
     """
     h, q = np.asarray(spacings, float), np.array(values, float)
-    value, order = _fit(h, q)
+    order = _order(h, q)
+    value = _fit(h, q, order)[0]
     kept = [np.arange(h.size) != k for k in range(h.size)]
-    spread = max(distance(_fit(h[rows], q[rows])[0], value) for rows in kept)
+    spread = max(distance(_fit(h[rows], q[rows], order)[0], value) for rows in kept)
     return Limit(value, order, spread, distance(q[-1], value))
 
 
-def _fit(h: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, float]:
-    """Limit and order of the best fit; first order where another order is not clearly better."""
+def _order(h: np.ndarray, q: np.ndarray) -> float:
+    """Order of the best fit; the first where another one is not clearly better."""
 
-    def off(order: float) -> tuple[float, np.ndarray]:
-        basis = np.column_stack([np.ones_like(h), (h / h.max()) ** order])
-        found, *_ = np.linalg.lstsq(basis, q, rcond=None)
-        return float(np.abs(basis @ found - q).mean()), found[0]
+    def misfit(order: float) -> float:
+        return _fit(h, q, order)[1]
 
-    best = minimize_scalar(lambda order: off(order)[0], bounds=ORDERS, method="bounded", options={"xatol": 1e-9}).x
-    order = float(best) if off(best)[0] < CLEARLY * off(1.0)[0] else 1.0
-    return off(order)[1], order
+    best = minimize_scalar(misfit, bounds=ORDERS, method="bounded", options={"xatol": 1e-9}).x
+    return float(best) if misfit(best) < CLEARLY * misfit(1.0) else 1.0
+
+
+def _fit(h: np.ndarray, q: np.ndarray, order: float) -> tuple[np.ndarray, float]:
+    """Limit of the least-squares fit with an order, and its mean misfit."""
+    basis = np.column_stack([np.ones_like(h), (h / h.max()) ** order])
+    found, *_ = np.linalg.lstsq(basis, q, rcond=None)
+    return found[0], float(np.abs(basis @ found - q).mean())

@@ -11,6 +11,7 @@ import yaml
 
 from pdhe import cli
 from pdhe.errors import PdheError, SceneError
+from pdhe.scene_blocks import FIDELITIES
 from pdhe.tradeoff import front, page, quantities
 from pdhe.tradeoff.design import load_design, load_trades
 from pdhe.verification.slabs import DIFFUSIVITY, LENGTH, slab_mean
@@ -160,6 +161,10 @@ def test_a_small_design_is_measured_and_gathered(small, tmp_path):
     assert len(rows) == len(pull) + len(slab) and {row["scene"] for row in rows} == {"pull", "slab"}
     assert "## Pulled plate" in out["md"].read_text() and "refused" in out["md"].read_text()
     assert "Pulled plate" in out["html"].read_text()
+    fidelities = {row[1]: row for row in page.fidelity_rows({"pull": scenes["pull"]})}
+    assert tuple(fidelities) == FIDELITIES
+    works = [row["work"] for row in pull if row["group"] == "fidelity"]
+    assert works == sorted(works)
     assert json.loads(Path(folders[0], "report.json").read_text())["passed"]
 
 
@@ -172,5 +177,5 @@ def test_missing_scenes_are_named(small, tmp_path, capsys):
 
 def test_files_are_told_apart_by_validate(small, capsys):
     assert cli.main(["validate", str(small)]) == 0
-    assert "design with 15 runs" in capsys.readouterr().out
+    assert "design with 23 runs" in capsys.readouterr().out
     assert yaml.safe_load(DESIGN.read_text())

@@ -1,0 +1,168 @@
+"""Named fidelities: settings that a scene may leave out, chosen for its size and its physics.
+
+Every fidelity of every kind of scene is a run of the study of speed against accuracy (docs/tradeoff.md), where its
+error and its cost are measured. Values that a scene gives win over those of its fidelity.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import ValidationError
+
+from pdhe.errors import SceneError
+from pdhe.scene_blocks import FIDELITIES, Geometry, Horizon
+from pdhe.scene_checks import square_cells
+from pdhe.units import round15
+
+#: A spacing may be this much smaller than the largest that fits, to put cracks between nodes.
+NEAR = 0.7
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a fidelity stands for.
+
+    Attributes
+    ----------
+    cells
+        Cells along the smallest feature of the plate (:func:`smallest_feature`).
+    ratio
+        Horizon in spacings on a lattice of squares; elsewhere, where the nearest neighbours of a node are not known
+        beforehand, the default of the scene holds.
+    tolerance
+        Of equilibria.
+    grouping
+        Of failures; 0 where nothing can break.
+    """
+
+    cells: int
+    ratio: float
+    tolerance: float
+    grouping: float = 0.0
+
+
+#: Kind of scene -> fidelity -> settings. Elastic bodies and diffusion are the more accurate the shorter the horizon;
+#: cracks need families of three spacings (with two, the time of failure is wrong by 25 to 50 %, on any mesh).
+SETTINGS: dict[str, dict[str, Settings]] = {
+    "elastic": {
+        "draft": Settings(6, 1.515, 1e-3),
+        "standard": Settings(16, 1.515, 1e-3),
+        "fine": Settings(32, 1.515, 1e-4),
+        "reference": Settings(64, 1.515, 1e-4),
+    },
+    "diffusion": {
+        "draft": Settings(4, 1.515, 1e-3),
+        "standard": Settings(8, 1.515, 1e-3),
+        "fine": Settings(16, 1.515, 1e-4),
+        "reference": Settings(32, 1.515, 1e-4),
+    },
+    "fracture": {
+        "draft": Settings(6, 3.015, 1e-3, 0.2),
+        "standard": Settings(12, 3.015, 1e-3, 0.2),
+        "fine": Settings(24, 3.015, 1e-3, 0.05),
+        "reference": Settings(40, 3.015, 1e-4, 0.0),
+    },
+}
+
+
+def kind_of(scene: Mapping[str, Any]) -> str:
+    """Kind of a scene by the blocks it has: ``fracture``, ``elastic`` (with or without hydrogen) or ``diffusion``."""
+    if scene.get("damage") is not None:
+        return "fracture"
+    return "elastic" if scene.get("loads") is not None else "diffusion"
+
+
+def smallest_feature(geometry: Geometry) -> float:
+    """Smallest of the plate's sides, the lengths of its cracks and the diameters of its holes, m."""
+    cracks = (math.dist(crack.start, crack.end) for crack in geometry.cracks)
+    return min(geometry.width, geometry.height, *cracks, *(2.0 * hole.radius for hole in geometry.holes))
+
+
+def spacing_for(geometry: Geometry, target: float, lattice: bool) -> float:
+    """A spacing near a wanted one and not larger, m.
+
+    On a lattice of squares it divides both sides, and by preference puts level cracks between rows of nodes and their
+    ends between columns: a crack that ends inside a cell is longer or shorter than it should be.
+    """
+    if not lattice:
+        return round15(target)
+    least = math.ceil(geometry.width / target * (1.0 - 1e-9))
+    fitting = [
+        geometry.width / columns
+        for columns in range(least, 2 * least + 1)
+        if not square_cells(geometry.width, geometry.height, geometry.width / columns)[2]
+    ]
+    if not fitting:
+        return round15(target)  # no lattice of squares fits: the check of the scene says so
+
+    level = [crack for crack in geometry.cracks if crack.start[1] == crack.end[1]]
+    rows = [crack.start[1] for crack in level]
+    ends = [x for crack in level for x in (crack.start[0], crack.end[0])]
+    near = [spacing for spacing in fitting if spacing > NEAR * fitting[0]]
+    for lengths in ([*rows, *ends], rows):
+        for spacing in near:
+            if all(abs(length / spacing - round(length / spacing)) < 1e-6 for length in lengths):
+                return round15(spacing)
+    return round15(fitting[0])
+
+
+def fill_in(raw: dict[str, Any], file: str) -> None:
+    """Complete a scene as it is written by what its fidelity stands for, in place.
+
+    Raises
+    ------
+    SceneError
+        If the fidelity is not known.
+    """
+    name = raw.get("fidelity")
+    if raw.get("accuracy") is not None:
+        _check_accuracy(raw, file)
+    if name is None:
+        return
+    if name not in FIDELITIES:
+        raise SceneError(file, "fidelity", name, "is not a fidelity", f"use {', '.join(f'`{f}`' for f in FIDELITIES)}")
+    _apply(raw, SETTINGS[kind_of(raw)][name])
+
+
+def leaves_spacing_to_accuracy(raw: Mapping[str, Any]) -> bool:
+    """Tell whether a scene as it is written asks for an accuracy and says nothing of the spacing that it takes."""
+    mesh = raw.get("mesh")
+    open_mesh = mesh is None or (isinstance(mesh, dict) and mesh.get("spacing") is None)
+    return raw.get("accuracy") is not None and open_mesh
+
+
+def _check_accuracy(raw: dict[str, Any], file: str) -> None:
+    if raw.get("fidelity") is not None:
+        raise SceneError(file, "accuracy", raw["accuracy"], "and `fidelity` are both given", "give one of them")
+    if leaves_spacing_to_accuracy(raw):
+        text = "needs runs on coarse meshes, which reading a scene does not do, and `mesh.spacing` is missing"
+        hint = "write down what `pdhe choose` finds, or use `pdhe run`"
+        raise SceneError(file, "accuracy", raw["accuracy"], text, hint)
+
+
+def _apply(raw: dict[str, Any], settings: Settings) -> None:
+    blocks = {block: raw.get(block) or {} for block in ("mesh", "horizon", "solver", "stepping")}
+    try:
+        geometry = Geometry.model_validate(raw.get("geometry"))
+        horizon = Horizon.model_validate(blocks["horizon"]) if blocks["horizon"] else None
+    except ValidationError:
+        return  # the check of the scene, which follows, says what is wrong
+    if not all(isinstance(block, dict) for block in blocks.values()):
+        return
+    raw |= blocks
+    lattice = raw["mesh"].get("cells") in (None, "quadrilateral") and not geometry.holes
+    if raw["mesh"].get("spacing") is None:
+        target = smallest_feature(geometry) / settings.cells
+        if horizon is not None and horizon.length is not None:
+            target = min(target, horizon.length / settings.ratio)
+        raw["mesh"]["spacing"] = f"{spacing_for(geometry, target, lattice)!r} m"
+    if horizon is None:
+        raw["horizon"] = {"ratio": settings.ratio} if lattice else None
+    if raw["solver"].get("tolerance") is None:
+        raw["solver"]["tolerance"] = settings.tolerance
+    if raw["stepping"].get("mode") in (None, "events") and raw["stepping"].get("grouping") is None:
+        raw["stepping"]["grouping"] = settings.grouping

@@ -1,0 +1,159 @@
+"""Settings from an accuracy: what is chosen, what is refused, and predictions held against what is found."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from pdhe import cli
+from pdhe.case import build_case
+from pdhe.errors import SceneError
+from pdhe.fidelity import spacing_for
+from pdhe.results import open_result
+from pdhe.scene import load_scene
+from pdhe.simulation import simulate
+from pdhe.tradeoff.choose import MODELS, TOLERANCE, choose
+from pdhe.tradeoff.quantities import limit_of, standard_values
+from pdhe.verification.slabs import nodes_of
+
+SCENES = Path(__file__).parents[2] / "config" / "scenes"
+PULLED = "loads: [{on: top, displacement: {y: %s}}, {on: bottom, displacement: {y: -%s}}]\n"
+NOTCH = "  cracks: [{name: notch, from: [0 mm, %s mm], to: [%s mm, %s mm]}]\n"
+
+
+def plate(width: int, height: int, notch: str = "") -> str:
+    return f"geometry:\n  plate: {{width: {width} mm, height: {height} mm, thickness: 4 mm}}\n{notch}"
+
+
+def ramp(end: str, pull: str) -> str:
+    sides = ((on, f"{{0 s: 0 mm, {end}: {sign}{pull}}}") for on, sign in (("top", ""), ("bottom", "-")))
+    return "loads:\n" + "".join(f"  - {{on: {on}, displacement: {{y: {y}}}}}\n" for on, y in sides)
+
+
+def crack(y: int, length: int) -> str:
+    return NOTCH % (y, length, y)
+
+
+# None of these is in the study. Name -> accuracy, scene.
+HELD_BACK = {
+    "deep notch": ("3 %", plate(80, 60, crack(30, 40)) + PULLED % ("0.02 mm", "0.02 mm") + "time: {end: 0 s}\n"),
+    "two notches": (
+        "3 %",
+        plate(100, 100)
+        + "  cracks:\n    - {name: a, from: [0 mm, 40 mm], to: [30 mm, 40 mm]}\n"
+        + "    - {name: b, from: [100 mm, 60 mm], to: [70 mm, 60 mm]}\n"
+        + PULLED % ("0.02 mm", "0.02 mm")
+        + "time: {end: 0 s}\n",
+    ),
+    "wide slab": ("0.1 %", plate(100, 50) + "hydrogen: {boundary: [{on: left, coverage: 1}]}\ntime: {end: 2e6 s}\n"),
+    "corner": (
+        "0.2 %",
+        plate(60, 60) + "hydrogen: {boundary: [{on: left, coverage: 1}, {on: top, coverage: 1}]}\ntime: {end: 1e6 s}\n",
+    ),
+    "source in the middle": (
+        "3 %",
+        plate(60, 60, crack(30, 30)) + "hydrogen: {boundary: [{on: notch, coverage: 1}]}\ntime: {end: 1e6 s}\n",
+    ),
+    "dry crack": (
+        "10 %",
+        plate(60, 60, crack(30, 20)) + ramp("1000 s", "0.1 mm") + "damage: {}\ntime: {end: 1000 s}\n",
+    ),
+    "crack in hydrogen": (
+        "10 %",
+        plate(60, 60, crack(30, 20))
+        + ramp("2e5 s", "0.02 mm")
+        + "damage: {}\nhydrogen: {saturation: off, boundary: [{on: notch, coverage: 1}]}\ntime: {end: 3e6 s}\n",
+    ),
+}
+SLOW = ("dry crack", "crack in hydrogen")
+
+
+def written(folder: Path, accuracy: str, text: str) -> Path:
+    path = folder / "scene.yaml"
+    path.write_text(f"title: held back\naccuracy: {accuracy}\nmaterial: AISI 4340\n{text}")
+    return path
+
+
+def found(path: Path, changes: dict) -> dict[str, float]:
+    """Errors of the run that was chosen, against limits from finer meshes with tight equilibria."""
+    scene = load_scene(path, changes)
+    values = standard_values(simulate(build_case(scene, nodes_of(scene))), scene)
+    shares = (0.8, 0.7, 0.6, 0.5, 0.4)
+    spacings = sorted({spacing_for(scene.geometry, share * scene.mesh.spacing, True) for share in shares}, reverse=True)
+    ladder = []
+    for spacing in spacings:
+        fine = load_scene(path, changes | {"mesh.spacing": f"{spacing!r} m", "solver.tolerance": 1e-7})
+        ladder.append(standard_values(simulate(build_case(fine, nodes_of(fine))), fine))
+    return {name: limit_of(spacings, [row[name] for row in ladder]).error(value) for name, value in values.items()}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in HELD_BACK]
+)
+def test_predictions_are_within_a_factor_of_two(name, tmp_path):
+    path = written(tmp_path, *HELD_BACK[name])
+    choice = choose(path)
+    errors = found(path, choice.changes)
+    ratio = choice.predicted / max(errors.values())
+    # Measured, in this order: 0.99, 1.06, 1.08, 1.19, 0.74, 1.86, 1.29.
+    assert 0.5 < ratio < 2.0, (choice.text(), errors)
+    # What was wanted is met but for the margin of the prediction; measured: at most 0.98 times the accuracy.
+    assert max(errors.values()) < 1.2 * choice.accuracy
+
+
+def test_choice_is_run_told_and_stored(tmp_path, capsys):
+    path = written(tmp_path, *HELD_BACK["corner"])
+    assert cli.main(["choose", str(path)]) == 0
+    told = capsys.readouterr().out
+    assert told.count("pilot run at") == 3 and "0.2 % wanted" in told
+    assert cli.main(["run", str(path), "--out", str(tmp_path / "result.nc")]) == 0
+    assert told.splitlines()[-1] in capsys.readouterr().out
+    with open_result(tmp_path / "result.nc") as result:
+        scene = json.loads(result.attrs["scene"])
+        assert result.attrs["choice"] == told.splitlines()[-1]
+        assert 0.0005 < result.attrs["predicted_error"] <= 0.002
+        assert set(json.loads(result.attrs["predicted_errors"])) == {"mean_coverage"}
+    assert scene["accuracy"] == 0.002 and scene["horizon"] == {"ratio": 1.515}
+    assert cli.main(["validate", str(path)]) == 0
+    assert "settings left to its accuracy" in capsys.readouterr().out
+    assert cli.main(["plan", str(path)]) == 0
+    assert "nodes:" in capsys.readouterr().out
+
+
+def test_more_accuracy_takes_finer_meshes_and_equilibria(tmp_path):
+    text = HELD_BACK["deep notch"][1]
+    coarse, fine = (choose(written(tmp_path, accuracy, text)) for accuracy in ("8 %", "4 %"))
+    spacing = [float(choice.changes["mesh.spacing"].split()[0]) for choice in (coarse, fine)]
+    assert spacing[1] < spacing[0]
+    assert fine.changes["solver.tolerance"] == TOLERANCE * 0.04
+    assert fine.predicted < coarse.predicted and fine.predicted < 0.04
+
+
+def test_what_cannot_be_promised_is_refused(tmp_path):
+    wet = HELD_BACK["crack in hydrogen"][1].replace("saturation: off, ", "")
+    with pytest.raises(SceneError, match="the faster the finer the mesh"):
+        choose(written(tmp_path, "5 %", wet))
+    with pytest.raises(SceneError, match="scatter by"):
+        choose(written(tmp_path, "1 %", HELD_BACK["dry crack"][1]))
+    with pytest.raises(SceneError, match=r"between 0\.01 % and 50 %"):
+        choose(written(tmp_path, "90 %", wet))
+    with pytest.raises(SceneError, match=r"key 'accuracy'.*is missing"):
+        choose(SCENES / "smoke.yaml")
+
+
+def test_reading_a_scene_runs_nothing(tmp_path):
+    path = written(tmp_path, *HELD_BACK["corner"])
+    with pytest.raises(SceneError, match=r"key 'accuracy'.*`pdhe choose`"):
+        load_scene(path)
+    with pytest.raises(SceneError, match="both given"):
+        load_scene(path, {"fidelity": "draft"})
+    assert load_scene(path, {"mesh.spacing": "5 mm"}).accuracy == 0.002
+
+
+def test_models_name_every_kind():
+    from pdhe.fidelity import SETTINGS
+
+    models = json.loads(MODELS.read_text())
+    assert models["version"] == 1 and set(models["kinds"]) == set(SETTINGS)
+    for kind in models["kinds"].values():
+        assert 0.5 <= kind["order"] <= 3.0 and kind["order"] in kind["orders"].values()
