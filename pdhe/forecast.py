@@ -12,9 +12,11 @@ from pdhe.case import Case
 from pdhe.errors import SceneError
 from pdhe.scene import Scene
 
-#: Bytes of a process before it has bonds (measured 2.9e8 to 3.5e8), and at its peak per directed bond: diffusion alone
+#: Bytes of a process before it has bonds (measured 2.5e8 to 3.5e8), and at its peak per directed bond: diffusion alone
 #: (98 to 106), mechanics (105 to 138), both (136 to 157), measured on lattices and triangles of 2e4 and 8e4 nodes.
-PROCESS, DIFFUSION, MECHANICS, BOTH = 3.0e8, 100.0, 122.0, 145.0
+PROCESS, DIFFUSION, MECHANICS, BOTH = 2.8e8, 100.0, 122.0, 145.0
+#: Copies of the fields of all outputs that exist while the result is put together and written (measured 2.4 to 3).
+COPIES = 2.7
 #: Nodes of a pilot, and by how much coarser it must be to be worth it: it costs less than a hundredth of the run then.
 PILOT_NODES, LEAST_COARSENING = 800, 2.0
 #: Time of an iteration of the equilibrium, and of the search for failures after it, in force sweeps; of a diffusion
@@ -50,7 +52,7 @@ class Forecast:
     Attributes
     ----------
     memory
-        Peak of the process, bytes.
+        Peak of the process, bytes. Compiling kernels for the first time takes up to 4e8 more.
     force_sweeps, diffusion_sweeps, failure_rounds
         Counted work; None without a pilot.
     seconds
@@ -89,7 +91,9 @@ def make_forecast(case: Case, pilot: Pilot | None) -> Forecast:
     """
     bonds = case.bonds.neighbours.size
     share = BOTH if case.diffusion and case.equilibrium else MECHANICS if case.equilibrium else DIFFUSION
-    memory = PROCESS + share * bonds
+    numbers = 2 * bool(case.equilibrium) + bool(case.rule) + bool(case.diffusion)
+    fields = 8.0 * numbers * case.discretization.volume.size * len(case.scene.outputs.times)
+    memory = PROCESS + share * bonds + COPIES * fields
     if pilot is None:
         return Forecast(memory)
     coarsening = math.sqrt(case.discretization.volume.size / pilot.nodes)
