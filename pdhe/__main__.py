@@ -1,7 +1,11 @@
 """Run the command line with ``python -m pdhe``."""
 
+import os
 import sys
 
-from pdhe.warm import main
+if os.environ.get("PDHE_WARM"):
+    from pdhe.warm import main
+else:
+    from pdhe.cli import main
 
 sys.exit(main(sys.argv[1:]))

@@ -9,7 +9,6 @@ import shlex
 import sys
 import tempfile
 from collections.abc import Sequence
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -377,7 +376,7 @@ def extremes_page(arguments: argparse.Namespace) -> None:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="pdhe", description="Studies of hydrogen-assisted fracture.")
-    parser.add_argument("--version", action="version", version=f"pdhe {_version()}")
+    parser.add_argument("--version", action=_Version, nargs=0, help="show program's version number and exit")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
     def add(function, *options):
@@ -473,11 +472,18 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _version() -> str:
-    try:
-        return metadata.version("pdhe")
-    except metadata.PackageNotFoundError:
-        return "(not installed)"
+class _Version(argparse.Action):
+    """Print the version, which takes as long to look up as all the rest of the command line to load."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        from importlib import metadata
+
+        try:
+            version = metadata.version("pdhe")
+        except metadata.PackageNotFoundError:
+            version = "(not installed)"
+        print(f"pdhe {version}")
+        parser.exit()
 
 
 def _json(text: str, name: str) -> dict:

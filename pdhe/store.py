@@ -15,7 +15,7 @@ from pdhe.provenance import digest, fingerprint, versions
 from pdhe.study import Case, load_study
 from pdhe.yamlfile import read_yaml
 
-OTHERS = ("store", "verification", "benchmarks", "tradeoff")
+OTHERS = ("store", "verification", "benchmarks", "tradeoff", "extremes")
 """Folders of results that belong to no study."""
 
 _STAGES = {"mesh": ".msh", "nodes": ".nc", "solve": ".nc"}
