@@ -15,7 +15,7 @@ from pdhe import advance, simulation
 from pdhe.case import Case
 from pdhe.results import write_dataset
 from pdhe.verification.drawing import COLOURS, label, panels
-from pdhe.verification.notched import HEIGHT, plate_with_cracks
+from pdhe.verification.notched import HEIGHT, PULL, plate_with_cracks
 from pdhe.verification.report import Report, Row
 from pdhe.verification.slabs import case_of
 
@@ -26,15 +26,15 @@ if TYPE_CHECKING:
 #: Hegde (2025, chapter 9): 10,000 points, 3000 load steps of 20 diffusion sub-steps, s; ms per sub-step and force.
 THESIS_STEPS, SUBSTEPS, LOAD_STEP = 3000, 20, 2000.0
 THESIS = {"total": 910.0, "diffusion": 11.2e-3, "force": 77e-3}
-#: Displacement of either edge in the short run, m: so high that the crack grows within it.
-PULL = 40e-6
+#: Displacement of either edge in a shortened run, m: so high that the crack grows within it.
+SHORT_PULL = 40e-6
 PARTS = ("hydrogen", "forces", "rest of equilibrium", "failures", "output", "everything else")
 
 TEXT = """\
-Two runs on about as many nodes as the thesis has (chapter 9). The first steps as the thesis does: load steps of 2000 s,
-each with 20 diffusion sub-steps, an equilibrium and the failures that follow; a fiftieth of its 3000 load steps, with a
-third of them loading and the rest holding, under a load high enough that the crack grows in so short a time. The second
-is the main scene, all 6e6 s of it, from event to event. Times exclude meshing, the set-up of bonds, and compilation;
+Two runs of the main scene on about as many nodes as the thesis has (chapter 9). The first steps as the thesis does:
+3000 load steps of 2000 s, a third of them loading and the rest holding, each with 20 diffusion sub-steps, an
+equilibrium and the failures that follow. The second goes through the same 6e6 s from event to event, and ends with
+the same crack. Times exclude meshing, the set-up of bonds, and compilation;
 they are seconds of wall time on one thread of the machine that made this page, possibly a busy one, and never fail.
 Counts are the same on every machine and are checked.
 
@@ -101,7 +101,7 @@ def watched(case: Case) -> Iterator[Stopwatch]:
         del solver.solve, body.force
 
 
-def run(rows_of_nodes: int = 71, load_steps: int = 60, end: float = 6e6) -> Report:
+def run(rows_of_nodes: int = 71, load_steps: int = THESIS_STEPS, end: float = 6e6) -> Report:
     """Time both runs.
 
     Parameters
@@ -109,20 +109,29 @@ def run(rows_of_nodes: int = 71, load_steps: int = 60, end: float = 6e6) -> Repo
     rows_of_nodes
         Over the height of the plate; twice as many along its width.
     load_steps
-        Of the run with equal steps.
+        Of the run with equal steps; fewer than the thesis has are a shorter time under a higher load.
     end
         Time of the run from event to event, s.
     """
     spacing = HEIGHT / rows_of_nodes
     short = load_steps * LOAD_STEP
     stepping = {"mode": "fixed", "load_steps": load_steps, "diffusion_substeps": SUBSTEPS}
-    outputs = {"outputs": {"count": 6}}
+    whole = load_steps == THESIS_STEPS
+    pull = PULL if whole else SHORT_PULL
     for warm in (stepping | {"load_steps": 5}, {"mode": "events"}):  # compiles
-        scene = plate_with_cracks(5e-3, 1e6, ramp=1e5, pull=PULL, stepping=warm, outputs={"count": 1})
+        scene = plate_with_cracks(5e-3, 1e6, ramp=1e5, pull=SHORT_PULL, stepping=warm, outputs={"count": 1})
         simulation.simulate(case_of(scene))
-    equal = timed_run(plate_with_cracks(spacing, short, ramp=short / 3.0, pull=PULL, stepping=stepping, **outputs))
+    equal = timed_run(
+        plate_with_cracks(spacing, short, ramp=short / 3.0, pull=pull, stepping=stepping, outputs={"count": 60})
+    )
     events = timed_run(plate_with_cracks(spacing, end, ramp=end / 3.0, outputs={"count": 60}))
     rows = _count_rows(equal[1], events[1], load_steps) + _time_rows(equal, events, load_steps)
+    if whole and math.isclose(short, end):
+        rows.append(
+            Row("crack growth with equal steps over that with events", 1.0,
+                _last(equal[1], "crack_extension") / _last(events[1], "crack_extension"), 1.01 * spacing
+                / _last(events[1], "crack_extension"), reason="measured no difference; a step can miss a cell")
+        )  # fmt: skip
     return Report("timing", "Where the time goes", TEXT, rows, _drawing(equal, events, load_steps))
 
 
@@ -191,8 +200,7 @@ def _time_rows(equal, events, load_steps: int) -> list[Row]:
         Row("one evaluation of the forces", THESIS["force"], force, unit="s", kind="shown",
             reason="expected: Hegde (2025), another machine"),
         Row("3000 load steps at this pace", THESIS["total"], sum(parts.values()) * THESIS_STEPS / load_steps, unit="s",
-            kind="shown", reason="expected: Hegde (2025), another machine, one relaxation a step; here equilibria, and "
-            "more failures per step than in all of the scene"),
+            kind="shown", reason="expected: Hegde (2025), another machine, one relaxation a step; here equilibria"),
     ]  # fmt: skip
     return rows
 
@@ -205,7 +213,7 @@ def _drawing(equal, events, load_steps: int):
         thesis["everything else"] = max(THESIS["total"] - sum(thesis.values()), 0.0)
         bars = {
             "thesis (its machine)": thesis,
-            f"equal steps, {load_steps} of {THESIS_STEPS}": equal[0],
+            f"equal steps, {load_steps:,} of {THESIS_STEPS:,}": equal[0],
             "events, all of the scene": events[0],
         }
         names = list(bars)

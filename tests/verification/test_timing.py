@@ -8,7 +8,7 @@ from pdhe.verification.timing import Stopwatch, run
 
 def test_counts_hold_and_nothing_stays_patched(tmp_path):
     before = advance.advance, advance.substep, advance.fail_until_stable, simulation.Candidates, simulation.record
-    report = run(rows_of_nodes=20, end=4e6)
+    report = run(rows_of_nodes=20, load_steps=60, end=4e6)
     after = advance.advance, advance.substep, advance.fail_until_stable, simulation.Candidates, simulation.record
     assert before == after
     assert report.passed, [row for row in report.rows if not row.passed]
