@@ -221,6 +221,21 @@ def scaled_rows(length: float = 1.0, time: float = 1.0, mass: float = 1.0) -> li
     return [*promises(done), *same_history(done, _coupled(YOUNG), time=time, length=length, force=force)]
 
 
+def single_rows(young: float) -> list[Row]:
+    """The coupled scene with weights and rates in single precision: the same history but for its digits."""
+    changes = {"material.fracture_toughness": None, "material.critical_energy_release_rate": 2e3 * young / YOUNG}
+    changes |= {"material.youngs_modulus": young, "solver": {"tolerance": 1e-12, "precision": "single"}}
+    done, reference = run(COUPLED | changes), _coupled(YOUNG)
+    rows = [*promises(done)]
+    rows.append(
+        Row("bonds broken", reference.last("broken_bonds"), done.last("broken_bonds"), 0.0, reason="as in double")
+    )
+    for name in ("broken_time", "damage", "coverage"):
+        difference = largest_difference(done.result[name].values, reference.result[name].values)
+        rows.append(Row(f"difference of {name}", 1e-5, difference, kind="at most", reason="digits of single precision"))
+    return rows
+
+
 def turned_rows(degrees: int) -> list[Row]:
     """The coupled scene turned by a multiple of a right angle: the same, node by node."""
     width, height, turns = 16, 8, degrees // 90
@@ -320,6 +335,10 @@ CASES = [
             "mass 1e12": {"mass": 1e12},
             "all": {"length": 1e-3, "time": 1e6, "mass": 1e9},
         }.items()
+    ),
+    *(
+        Extreme("single precision", f"{young:.0e} Pa", partial(single_rows, young), quick=False)
+        for young in (1e3, 1e11, 1e13)
     ),
     Extreme("rotation", "30°", partial(lattice_rows, 30.0)),
     Extreme("rotation", "90°", partial(turned_rows, 90)),

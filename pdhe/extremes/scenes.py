@@ -32,6 +32,8 @@ BOUND_SLACK = 1e-12
 #: Hydrogen that entered against hydrogen that is there, over the capacity of the plate or what can pass through it.
 #: Measured: 2e-14.
 HYDROGEN_BALANCE = 1e-11
+#: The same with rates in single precision, whose two directions differ by 6e-8 on irregular nodes. Measured: 2e-10.
+SINGLE_BALANCE = 1e-6
 #: Energy that may appear from nowhere, over the largest energy of the run: the residual of the equilibria.
 ENERGY_BALANCE = 1e-5
 
@@ -135,7 +137,8 @@ def promises(done: Run) -> list[Row]:
         # Nodes held from the start are filled before the first entry, and that counts as influx too.
         first = case.scene.hydrogen.initial * case.discretization.volume.sum()
         lost = np.abs(content - first - result["hydrogen_influx"].values).max() / _passing(case)
-        rows.append(Row("hydrogen that is not accounted for", HYDROGEN_BALANCE, float(lost), kind="at most"))
+        allowed = HYDROGEN_BALANCE if case.scene.solver.precision == "double" else SINGLE_BALANCE
+        rows.append(Row("hydrogen that is not accounted for", allowed, float(lost), kind="at most"))
     if "damage" in result:
         phi = result["damage"].values
         beyond = max(float(phi.max()) - 1.0, -float(phi.min()), float(-np.diff(phi, axis=0).min(initial=0.0)))

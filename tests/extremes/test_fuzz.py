@@ -37,7 +37,8 @@ def histories(draw, values, end):
 def scenes(draw):
     """Resolved scenes of up to 80 nodes, with anything in them that a scene can say."""
     spacing = draw(st.sampled_from([1e-3, 1e-6, 1.0]))
-    columns, rows = draw(st.integers(1, 9)), draw(st.integers(1, 9))
+    # Few of them too small for any horizon.
+    columns, rows = draw(st.integers(2, 9)), draw(st.integers(2, 9))
     width, height = columns * spacing, rows * spacing
     diffusivity = draw(powers(-16, -3))
     end = draw(st.sampled_from([0.0, 1e-3, 0.03, 0.3, 3.0, 300.0])) * max(width, height) ** 2 / diffusivity
@@ -48,7 +49,7 @@ def scenes(draw):
     def point():
         return [min(draw(place) * spacing, width), min(draw(place) * spacing, height)]
 
-    cracks = [{"name": f"crack{k}", "from": point(), "to": point()} for k in range(draw(st.integers(0, 2)))]
+    cracks = [{"name": f"crack{k}", "from": point(), "to": point()} for k in range(draw(st.sampled_from([0, 0, 1, 2])))]
     holes = []
     if draw(st.integers(0, 5)) == 0:
         holes = [{"name": "bore", "centre": point(), "radius": draw(st.sampled_from([0.9, 1.0, 1.5])) * spacing}]
@@ -61,10 +62,12 @@ def scenes(draw):
             "holes": holes,
         },
         "mesh": {"spacing": spacing, "cells": draw(st.sampled_from(["quadrilateral"] * 3 + ["triangle"]))},
-        "horizon": {"ratio": draw(st.sampled_from([1.2, 1.42, 1.5, 2.0, 2.9, 3.015, 4.0]))},
+        "horizon": {
+            "ratio": min(draw(st.sampled_from([1.2, 1.42, 1.5, 2.0, 2.9, 3.015, 4.0])), min(columns, rows) - 0.1)
+        },
         "material": {
             "youngs_modulus": stiff,
-            "poissons_ratio": draw(st.sampled_from([-0.95, -0.9, -0.3, 0.0, 0.29, 1 / 3, 0.4, 0.46, 0.49])),
+            "poissons_ratio": draw(st.sampled_from([-0.9, -0.3, 0.0, 0.29, 0.29, 1 / 3, 0.4, 0.46, 0.49])),
             # A critical stretch between 1e-5 and 1.
             "critical_energy_release_rate": stiff * spacing * draw(powers(-10, 0)),
             "diffusivity": diffusivity,
@@ -77,26 +80,31 @@ def scenes(draw):
         "time": {"end": end},
         "outputs": {"count": draw(st.integers(1, 5))},
         "solver": {
-            "method": draw(st.sampled_from(["conjugate gradients"] * 7 + ["dynamic relaxation"])),
             "tolerance": draw(st.sampled_from([1e-3, 1e-6, 1e-6, 1e-10])),
             "precision": draw(st.sampled_from(["double"] * 3 + ["single"])),
-            "max_iterations": 100_000,
+            "max_iterations": 20_000,
         },
         "stepping": {"mode": "events", "grouping": draw(st.sampled_from([0.0, 0.05, 0.9]))},
     }
+    if draw(st.integers(0, 9)) == 0:
+        # Slow at any other tolerance.
+        raw["solver"] |= {"method": "dynamic relaxation", "tolerance": 1e-3, "max_iterations": 1_000_000}
     if draw(st.integers(0, 4)) == 0:
         steps = {"load_steps": draw(st.integers(1, 20)), "diffusion_substeps": draw(st.sampled_from([1, 50, 2000]))}
         raw["stepping"] = {"mode": "fixed", **steps}
     if draw(st.integers(0, 5)):
         largest = draw(powers(-9, -0.5)) * min(width, height)
         amounts = st.sampled_from([0.0, largest, -largest, 0.3 * largest])
+        # Opposite edges, or one, or sets that may share nodes and contradict each other.
+        wanted = draw(st.sampled_from([["top", "bottom"]] * 3 + [["left", "right"], ["bottom"], sets[-1:], sets[:3]]))
+        axes = draw(st.sampled_from(["x", "y", "y", "xy"]))
         raw["loads"] = [
             {
                 "on": on,
                 "at": draw(st.sampled_from(["edge", "edge", "nodes"])),
-                "displacement": {axis: draw(histories(amounts, end)) for axis in draw(st.sampled_from(["x", "y", "xy"]))},
+                "displacement": {axis: draw(histories(amounts, end)) for axis in axes},
             }
-            for on in draw(st.lists(st.sampled_from(sets), min_size=1, max_size=3, unique=True))
+            for on in wanted
         ]
         if draw(st.integers(0, 3)):
             raw["damage"] = {
@@ -110,7 +118,7 @@ def scenes(draw):
             "initial": draw(st.sampled_from([0.0, 0.0, 0.3, 1.0])),
             "boundary": [
                 {"on": on, "coverage": draw(histories(st.sampled_from([0.0, 0.5, 1.0]), end))}
-                for on in draw(st.lists(st.sampled_from(sets), max_size=2, unique=True))
+                for on in draw(st.sampled_from([[], ["left"], ["left"], ["left", "right"], sets[-1:], sets[-2:]]))
             ],
             "degradation": draw(st.sampled_from(["stretch", "energy"])),
             "saturation": draw(st.sampled_from(["off", {"damage": 0.36, "coverage": 1.0}, {"damage": 0.0}])),
@@ -142,7 +150,7 @@ FUZZ = {"deadline": None, "suppress_health_check": list(HealthCheck)}
 
 
 @given(scenes())
-@settings(max_examples=80, derandomize=True, **FUZZ)
+@settings(max_examples=100, derandomize=True, **FUZZ)
 def test_random_scenes_are_refused_or_keep_their_promises(raw):
     check(raw)
 
