@@ -16,6 +16,8 @@ from pdhe.errors import PdheError
 
 PICTURES = (".png", ".pdf", ".svg")
 """Kinds of files that a picture can be written to."""
+ESTIMATE_FROM = 5000
+"""Nodes from which a result carries an estimate of its error: shorter runs take less than loading what it needs."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -70,7 +72,7 @@ def solve(arguments: argparse.Namespace) -> None:
     scene = Scene.from_resolved({"title": out.stem, **_json(arguments.spec, "--spec")})
     # The scene itself stands in the result.
     command = shlex.join(["pdhe", "solve", "--spec", "SCENE", "--nodes", str(arguments.nodes), "--out", str(out)])
-    solve_case(scene, read_discretization(arguments.nodes), out, _progress, command)
+    solve_case(scene, read_discretization(arguments.nodes), out, _progress, command, _estimated(scene))
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -86,7 +88,9 @@ def run(arguments: argparse.Namespace) -> None:
     mesh_file = out.with_suffix(".msh")
     make_mesh(scene.geometry, scene.mesh, mesh_file)
     command = shlex.join(["pdhe", "run", str(arguments.scene), "--out", str(out)])
-    solve_case(scene, discretize(mesh_file, scene.geometry, scene.mesh), out, _progress, command, remarks)
+    solve_case(
+        scene, discretize(mesh_file, scene.geometry, scene.mesh), out, _progress, command, remarks or _estimated(scene)
+    )
 
 
 def choose(arguments: argparse.Namespace) -> None:
@@ -112,6 +116,17 @@ def _chosen(scene: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     return choice.changes, {"choice": choice.text(), "predicted_error": choice.predicted, "predicted_errors": errors}
 
 
+def _estimated(scene: Any) -> dict[str, Any]:
+    """What a result tells of its own error: nothing where a run is too short for the pilot runs that it takes."""
+    plate = scene.geometry
+    if plate.width * plate.height < ESTIMATE_FROM * scene.mesh.spacing**2:
+        return {}
+    from pdhe.tradeoff.choose import estimate
+
+    errors = estimate(scene)
+    return {"predicted_error": max(errors.values()), "predicted_errors": json.dumps(errors)} if errors else {}
+
+
 def plan(arguments: argparse.Namespace) -> None:
     """Tell what a scene would compute, and at what cost."""
     from pdhe.case import build_case
@@ -121,6 +136,7 @@ def plan(arguments: argparse.Namespace) -> None:
     from pdhe.plan import make_plan
     from pdhe.scene import load_scene
     from pdhe.simulation import fly_pilot
+    from pdhe.tradeoff.choose import estimate
 
     scene = load_scene(arguments.scene, _chosen(arguments.scene)[0])
     with tempfile.TemporaryDirectory() as folder:
@@ -131,6 +147,9 @@ def plan(arguments: argparse.Namespace) -> None:
     print(make_plan(case, pilot))
     seconds = make_forecast(case, pilot).seconds
     print("expected time: seconds" if seconds is None else f"expected time: {seconds:.3g} s of one thread")
+    errors = estimate(scene)
+    told = ", ".join(f"{name} {100.0 * error:.2g} %" for name, error in errors.items())
+    print(f"expected error of the mesh: {told or 'not estimated (docs/tradeoff.md)'}")
 
 
 def validate(arguments: argparse.Namespace) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,10 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from pdhe.case import EDGES, build_case
-from pdhe.errors import SceneError
+from pdhe.errors import PdheError, SceneError
 from pdhe.fidelity import SETTINGS, kind_of, smallest_feature, spacing_for
 from pdhe.provenance import PACKAGE
-from pdhe.scene import load_scene
+from pdhe.scene import Scene, load_scene
 from pdhe.scene_fields import Accuracy
 from pdhe.scene_reading import read_scene_file, reporting
 from pdhe.simulation import Progress, simulate
@@ -25,6 +26,9 @@ from pdhe.verification.slabs import nodes_of
 MODELS = PACKAGE / "tradeoff" / "models.json"
 #: Cells along the smallest feature in the coarsest pilot run, and the number of pilot runs.
 COARSEST, PILOTS = 6, 3
+#: By how much finer than the coarsest pilot run a mesh must be for an estimate that comes with every result: the pilots
+#: then cost a tenth of the run (measured: 9 and 11 % of fracture with and without hydrogen) and less beyond.
+CHEAP = 6.0
 #: Order at which hydrogen from cracks and holes converges: its nodes are held half a cell inside (docs/limits.md).
 ORDER_OF_INNER_SOURCES = 1.0
 #: Tolerance of equilibria over the wanted accuracy: reactions were off by up to seven tolerances.
@@ -85,41 +89,86 @@ def choose(path: str | Path, progress: Progress | None = None) -> Choice:
     base = {"accuracy": None, "fidelity": "fine", "mesh.spacing": None}
     scene = load_scene(path, base)
     kind = kind_of(scene.resolved())
-    if kind == "fracture" and scene.hydrogen is not None and scene.hydrogen.saturation is not None:
+    if not has_limit(scene):
         text = "cannot be promised: where fresh crack faces are saturated, cracks grow the faster the finer the mesh"
         raise SceneError(file, "accuracy", accuracy, text, "give `mesh.spacing` or a `fidelity` instead")
-    model = json.loads(MODELS.read_text(encoding="utf-8"))["kinds"][kind]
-    order = model["order"]
-    if scene.hydrogen is not None and not {item.on for item in scene.hydrogen.boundary} <= set(EDGES):
-        order = min(order, ORDER_OF_INNER_SOURCES)
     settings = SETTINGS[kind]["fine"]
     changes: dict[str, Any] = {}
-    if scene.loads is not None:
+    if scene.loads is not None and (raw.get("solver") or {}).get("tolerance") is None:
         changes["solver.tolerance"] = float(f"{TOLERANCE * accuracy:.2g}")
     if scene.horizon.ratio == settings.ratio and settings.ratio != 3.015:
         changes["horizon.ratio"] = settings.ratio
-    lattice = scene.mesh.cells == "quadrilateral" and not scene.geometry.holes
-    feature = smallest_feature(scene.geometry)
+    pilots = _fly(scene, lambda h: load_scene(path, {**base, **changes, "mesh.spacing": f"{h!r} m"}), log)
+    if pilots.scatter > 0.5 * accuracy:
+        text = f"cannot be promised: errors of pilot runs scatter by {100.0 * pilots.scatter:.2g} % about any order"
+        raise SceneError(file, "accuracy", accuracy, text, "accept more, or give a `fidelity`")
+    wanted = min((AIM * accuracy / max(pilots.slopes.values())) ** (1.0 / pilots.order), pilots.spacings[0])
+    spacing = spacing_for(scene.geometry, wanted, _lattice(scene))
+    changes = {"mesh.spacing": f"{1e3 * spacing!r} mm", **changes}
+    errors = pilots.errors(spacing)
+    return Choice(changes, accuracy, max(errors.values()), errors)
+
+
+def estimate(scene: Scene, progress: Progress | None = None) -> dict[str, float]:
+    """Expected error of each quantity of a scene as it is, relative, from runs on coarse meshes.
+
+    Covers and leaves out what :func:`choose` does. Empty where nothing can be said cheaply: for meshes that are hardly
+    finer than those of the pilot runs, horizons given as lengths, and scenes without a limit.
+    """
+    cheap = spacing_for(scene.geometry, smallest_feature(scene.geometry) / COARSEST, _lattice(scene)) / CHEAP
+    if scene.horizon.ratio is None or not has_limit(scene) or scene.mesh.spacing > cheap * (1.0 + 1e-9):
+        return {}
+
+    def coarse(spacing: float) -> Scene:
+        content = scene.resolved()
+        content["mesh"]["spacing"] = spacing
+        return Scene.from_resolved(content)
+
+    try:
+        return _fly(scene, coarse, progress or (lambda text: None)).errors(scene.mesh.spacing)
+    except PdheError:
+        return {}  # too coarse for the scene's own details, which says nothing against the scene
+
+
+def has_limit(scene: Scene) -> bool:
+    """Tell whether the answer of a scene settles as the mesh is refined: not where fresh crack faces are saturated."""
+    return scene.damage is None or scene.hydrogen is None or scene.hydrogen.saturation is None
+
+
+@dataclass(frozen=True)
+class _Pilots:
+    """Fits of ``q + c h^p``: relative slopes ``c`` by quantity, the largest misfit, the order."""
+
+    spacings: tuple[float, ...]
+    slopes: dict[str, float]
+    scatter: float
+    order: float
+
+    def errors(self, spacing: float) -> dict[str, float]:
+        return {name: slope * spacing**self.order for name, slope in self.slopes.items()}
+
+
+def _fly(scene: Scene, at: Callable[[float], Scene], log: Progress) -> _Pilots:
+    """Run a scene at the coarsest spacings that fit it."""
+    order = json.loads(MODELS.read_text(encoding="utf-8"))["kinds"][kind_of(scene.resolved())]["order"]
+    if scene.hydrogen is not None and not {item.on for item in scene.hydrogen.boundary} <= set(EDGES):
+        order = min(order, ORDER_OF_INNER_SOURCES)
     spacings, found, cells = [], [], COARSEST
     while len(spacings) < PILOTS:
-        spacing = spacing_for(scene.geometry, feature / cells, lattice)
+        spacing = spacing_for(scene.geometry, smallest_feature(scene.geometry) / cells, _lattice(scene))
         if spacing not in spacings:
-            pilot = load_scene(path, {**base, **changes, "mesh.spacing": f"{spacing!r} m"})
+            pilot = at(spacing)
             spacings.append(spacing)
             found.append(standard_values(simulate(build_case(pilot, nodes_of(pilot))), pilot))
             log(f"pilot run at {1e3 * spacing:.4g} mm")
         cells += 2
     fits = {name: _fit(spacings, [values[name] for values in found], order) for name in found[0]}
-    scatter = max(misfit for _, misfit in fits.values())
-    if scatter > 0.5 * accuracy:
-        text = f"cannot be promised: errors of pilot runs scatter by {100.0 * scatter:.2g} % about any order"
-        raise SceneError(file, "accuracy", accuracy, text, "accept more, or give a `fidelity`")
-    steepest = max(slope for slope, _ in fits.values())
-    wanted = min((AIM * accuracy / steepest) ** (1.0 / order), spacings[0])
-    spacing = spacing_for(scene.geometry, wanted, lattice)
-    changes = {"mesh.spacing": f"{1e3 * spacing!r} mm", **changes}
-    errors = {name: slope * spacing**order for name, (slope, _) in fits.items()}
-    return Choice(changes, accuracy, max(errors.values()), errors)
+    slopes = {name: slope for name, (slope, _) in fits.items()}
+    return _Pilots(tuple(spacings), slopes, max(misfit for _, misfit in fits.values()), order)
+
+
+def _lattice(scene: Scene) -> bool:
+    return scene.mesh.cells == "quadrilateral" and not scene.geometry.holes
 
 
 def _fit(spacings: list[float], values: list[np.ndarray], order: float) -> tuple[float, float]:

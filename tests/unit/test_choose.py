@@ -12,7 +12,7 @@ from pdhe.fidelity import spacing_for
 from pdhe.results import open_result
 from pdhe.scene import load_scene
 from pdhe.simulation import simulate
-from pdhe.tradeoff.choose import MODELS, TOLERANCE, choose
+from pdhe.tradeoff.choose import MODELS, TOLERANCE, choose, estimate
 from pdhe.tradeoff.quantities import limit_of, standard_values
 from pdhe.verification.slabs import nodes_of
 
@@ -65,6 +65,7 @@ HELD_BACK = {
         + "damage: {}\nhydrogen: {saturation: off, boundary: [{on: notch, coverage: 1}]}\ntime: {end: 3e6 s}\n",
     ),
 }
+WET = {"boundary": [{"on": "notch", "coverage": 1}]}
 SLOW = ("dry crack", "crack in hydrogen")
 
 
@@ -127,6 +128,41 @@ def test_more_accuracy_takes_finer_meshes_and_equilibria(tmp_path):
     assert spacing[1] < spacing[0]
     assert fine.changes["solver.tolerance"] == TOLERANCE * 0.04
     assert fine.predicted < coarse.predicted and fine.predicted < 0.04
+
+
+def test_results_carry_an_estimate_of_their_error(tmp_path, capsys):
+    text = HELD_BACK["deep notch"][1] + "mesh: {spacing: 0.625 mm}\nhorizon: {ratio: 1.515}\n"
+    path = written(tmp_path, "50 %", text)  # an accuracy beside a spacing is a note
+    assert cli.main(["run", str(path), "--out", str(tmp_path / "result.nc")]) == 0
+    errors = found(path, {"mesh.spacing": "0.625 mm"})
+    with open_result(tmp_path / "result.nc") as result:
+        told = json.loads(result.attrs["predicted_errors"])
+        assert result.attrs["predicted_error"] == max(told.values())
+    assert set(told) == set(errors)
+    # Measured: 1.7 % expected, 1.6 % found.
+    assert 0.5 < max(told.values()) / max(errors.values()) < 2.0
+    assert cli.main(["plan", str(path)]) == 0
+    assert "expected error of the mesh: reaction_top_y" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        pytest.param({"mesh.spacing": "2.5 mm"}, id="hardly finer than a pilot run"),
+        pytest.param({"mesh.spacing": "0.5 mm", "horizon": {"length": "3 mm"}}, id="horizon that stays"),
+        pytest.param({"mesh.spacing": "0.5 mm", "damage": {}, "hydrogen": WET}, id="no limit"),
+    ],
+)
+def test_nothing_is_estimated_where_nothing_can_be_said(changes, tmp_path):
+    path = written(tmp_path, "50 %", HELD_BACK["deep notch"][1])
+    assert estimate(load_scene(path, changes)) == {}
+
+
+def test_a_tolerance_that_is_given_stays(tmp_path):
+    path = written(tmp_path, "8 %", HELD_BACK["deep notch"][1] + "solver: {tolerance: 1e-7}\n")
+    choice = choose(path)
+    assert "solver.tolerance" not in choice.changes
+    assert load_scene(path, choice.changes).solver.tolerance == 1e-7
 
 
 def test_what_cannot_be_promised_is_refused(tmp_path):
