@@ -57,13 +57,14 @@ scene = load_scene(sys.argv[1], {"time.end": "1e6 s", "outputs": {"every": "5e4 
 print(make_forecast(build_case(scene, lattice_nodes(scene)), None).memory)
 """
 PEAK = """
-import resource, sys
+import sys
+from pdhe.benchmarks.machine import peak_memory
 from pdhe.benchmarks.problems import lattice_nodes
 from pdhe.scene import load_scene
 from pdhe.simulation import solve_case
 scene = load_scene(sys.argv[1], {"time.end": "1e6 s", "outputs": {"every": "5e4 s"}})
 solve_case(scene, lattice_nodes(scene), sys.argv[2])
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024))
+print(peak_memory())
 """
 
 
