@@ -48,8 +48,8 @@ localrules:
 
 rule verification:
     input:
-        "results/verification/index.html",
-        "results/verification/passed.txt",
+        f"{VERIFIED}/index.html",
+        f"{VERIFIED}/passed.txt",
 
 
 rule extremes:

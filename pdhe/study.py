@@ -167,7 +167,7 @@ def load_studies(config: Mapping[str, Any], configfiles: Iterable[str | Path] = 
         For anything in the configuration, the studies or their scenes that cannot be used.
     """
     source = "configuration"
-    known = ("studies", "figures", "study", "verification", "check", "benchmarks", "tradeoff")
+    known = ("studies", "figures", "study", "verification", "verification_docs", "check", "benchmarks", "tradeoff")
     for key in config:
         _known(source, key, known)
     if "check" in config or isinstance(config.get("tradeoff"), Mapping):

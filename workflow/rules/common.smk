@@ -50,9 +50,12 @@ if len(SOLVES) >= MANY_CASES and workflow.is_main_process:
     environment += f"export PDHE_WARM={shlex.quote(folder_for(os.getpid()))}; "
 shell.prefix(environment)
 
+# A topic that was given on the command line has a page and a verdict of its own; those of the whole set stay.
+VERIFIED = f"results/verification/{next(iter(CHECKS))}" if "check" in config else "results/verification"
+
 # What runs when no target is named: for a file given as configuration, what that file asks for.
 if "check" in config:
-    DEFAULT = ["results/verification/index.html", "results/verification/passed.txt"]
+    DEFAULT = [f"{VERIFIED}/index.html", f"{VERIFIED}/passed.txt"]
 elif isinstance(config.get("tradeoff"), dict):
     DEFAULT = ["results/tradeoff/index.html"]
 else:

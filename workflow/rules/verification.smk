@@ -38,7 +38,7 @@ rule verification_page:
         REPORTS,
     output:
         report(
-            "results/verification/index.html",
+            f"{VERIFIED}/index.html",
             caption="../report/verification.rst",
             category="verification",
             subcategory="all topics",
@@ -52,16 +52,17 @@ rule verification_page:
         "../envs/pdhe.yaml"
     params:
         folders=[f"results/verification/{topic}" for topic in CHECKS],
+        docs="" if "check" in config or not config.get("verification_docs") else f"--docs {config['verification_docs']}",
         code=fingerprint("pdhe.verification.page"),
     shell:
-        "python -m pdhe page {params.folders:q} --out {output:q} > {log:q} 2>&1"
+        "python -m pdhe page {params.folders:q} --out {output:q} {params.docs} > {log:q} 2>&1"
 
 
 rule verdict:
     input:
         REPORTS,
     output:
-        "results/verification/passed.txt",
+        f"{VERIFIED}/passed.txt",
     log:
         "logs/verification/verdict.log",
     benchmark:
