@@ -26,6 +26,10 @@ FACTORISE_UP_TO = 35_000
 #: The coarse operator is rebuilt once the solves since the last time took so many iterations more, in all, than the
 #: shortest of them: about what building costs.
 REBUILD_AFTER = 30
+#: A residual that has grown by this factor over the least one will not fall again.
+STAGNATION = 1e6
+#: Relative residual below which only round-off keeps the iterations from going on.
+ROUND_OFF = 1e-9
 
 
 class Preconditioner:
@@ -177,7 +181,7 @@ class Equilibrium:
             return u, force
         if self._preconditioner is None:
             self._build()
-        iterations, direction, rz = 0, np.zeros_like(u), 1.0
+        iterations, direction, rz, best = 0, np.zeros_like(u), 1.0, np.inf
         while norm > self.tolerance * self.reference:
             if iterations == self.max_iterations or not np.isfinite(norm):
                 self._fail(residual, norm, iterations)
@@ -186,7 +190,12 @@ class Equilibrium:
             direction *= rz / previous
             direction += z
             change = self._force(direction)
-            step = rz / -dot(direction, change * self.free)
+            curvature = -dot(direction, change * self.free)
+            best = min(best, norm)
+            if not curvature > 0.0 or norm > STAGNATION * max(best, np.finfo(float).tiny):
+                # Round-off has the last word, or the stiffness is indefinite: going on would only lead away.
+                self._fail(residual, best, iterations)
+            step = rz / curvature
             u += step * direction
             force += step * change
             residual = force * self.free
@@ -218,5 +227,10 @@ class Equilibrium:
         raise SimulationError(
             f"equilibrium not reached: relative residual {norm / max(self.reference, 1e-300):.3g} after {iterations} "
             f"iterations (wanted {self.tolerance:g}); largest at node {worst}, "
-            f"x = {self.coordinates[worst].tolist()} m; raise solver.max_iterations or solver.tolerance"
+            f"x = {self.coordinates[worst].tolist()} m; "
+            + (
+                "raise solver.max_iterations or solver.tolerance"
+                if iterations == self.max_iterations or norm > ROUND_OFF * self.reference
+                else "round-off allows no less: raise solver.tolerance"
+            )
         )

@@ -92,3 +92,10 @@ def test_iterations_do_not_depend_on_the_spacing():
         solver.solve(np.zeros_like(x), values)
         iterations.append(solver.work.equilibrium_iterations)
     assert iterations[1] <= iterations[0] + 3 <= 18
+
+
+def test_a_tolerance_below_round_off_is_named_as_such():
+    x, body = make_body(30, 20)
+    solver, values = pulled(body, x, "conjugate gradients", tolerance=1e-16)
+    with pytest.raises(SimulationError, match=r"round-off allows no less: raise solver\.tolerance"):
+        solver.solve(np.zeros_like(x), values)
