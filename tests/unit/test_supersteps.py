@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pdhe import supersteps
+from pdhe import implicit, supersteps
 from pdhe.bonds import build_bonds
 from pdhe.implicit import ImplicitStepper
 from pdhe.supersteps import SuperStepper
@@ -132,6 +132,19 @@ def test_no_step_is_too_long_for_implicit_ones(slab, monkeypatch):
         counts.append(stepper.iterations - before)
         assert np.abs(end - 0.4).max() < 0.6 * 500.0 / ratio
     assert max(counts) <= 60, counts  # measured 49, 55, 59
+
+
+def test_a_cycle_may_stand_for_the_factor_of_the_coarse_operator(slab, monkeypatch):
+    held, source = np.zeros(slab.volume.size, bool), slab.source({"left": 0.4})
+    psi, ends, counts = np.random.default_rng(0).uniform(size=held.size), [], []
+    rate, _ = SuperStepper(slab, held, source).rates(psi)
+    for largest in (implicit.FACTORISE_UP_TO, 0):
+        monkeypatch.setattr(implicit, "FACTORISE_UP_TO", largest)
+        stepper = ImplicitStepper(slab, held, source)
+        ends.append(stepper.step(psi, rate, 1e4 * slab.stable_step(held))[1])
+        counts.append(stepper.iterations)
+    assert np.abs(ends[0] - ends[1]).max() < 1e-11  # measured 1e-15: the cycle is exact on so few nodes
+    assert counts[1] <= counts[0] + 10
 
 
 @pytest.mark.filterwarnings("error")
