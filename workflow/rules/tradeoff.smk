@@ -58,6 +58,7 @@ rule tradeoff_page:
             labels={"shows": "all scenes", "form": "page"},
         ),
         tables="results/tradeoff/tables.md",
+        models="results/tradeoff/models.json",
     log:
         "logs/tradeoff/page.log",
     benchmark:
@@ -69,4 +70,4 @@ rule tradeoff_page:
         code=fingerprint("pdhe.tradeoff.page"),
     shell:
         "python -m pdhe tradeoff-page {params.folders:q} --picture {output.picture:q} --csv {output.table:q}"
-        " --markdown {output.tables:q} --out {output.page:q} > {log:q} 2>&1"
+        " --markdown {output.tables:q} --models {output.models:q} --out {output.page:q} > {log:q} 2>&1"
