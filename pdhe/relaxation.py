@@ -6,7 +6,7 @@ import numpy as np
 
 from pdhe.kernels.vectors import dot
 from pdhe.materials import Body
-from pdhe.solvers import Equilibrium
+from pdhe.solvers import LEAST_REFERENCE, Equilibrium
 
 #: Fictitious mass over the least that Gershgorin's theorem proves stable for a unit time step.
 MASS_SAFETY = 1.05
@@ -26,15 +26,15 @@ class DynamicRelaxation(Equilibrium):
         u = np.where(self.fixed, prescribed, u)
         force = self._force(u)
         self.work.equilibrium_solves += 1
-        self._raise_reference(force)
+        self.reference = max(self.reference, LEAST_REFERENCE * self._held(force))
         residual = force * self.free
         norm = np.sqrt(dot(residual, residual))
         mass = fictitious_mass(self.body)
         inverse_mass = np.where(mass > 0.0, 1.0 / np.where(mass > 0.0, mass, 1.0), 0.0)
         start, first, velocity, iterations = u.copy(), force.copy(), np.zeros_like(u), 0
-        while norm > self.tolerance * self.reference:
+        while norm > self.tolerance * self._scale(force):
             if iterations == self.max_iterations or not np.isfinite(norm):
-                self._fail(residual, norm, iterations)
+                self._fail(residual, norm, self._scale(force), iterations)
             damping = self._damping(u - start, (first - force) * self.free, mass)
             push = inverse_mass * residual
             # The first half step starts from rest.
@@ -45,7 +45,7 @@ class DynamicRelaxation(Equilibrium):
             norm = np.sqrt(dot(residual, residual))
             iterations += 1
         self.work.equilibrium_iterations += iterations
-        self._raise_reference(force)
+        self.reference = self._scale(force)
         return u, force
 
     @staticmethod

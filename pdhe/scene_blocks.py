@@ -225,7 +225,7 @@ class Solver(Block):
     """
 
     method: Annotated[str, choice("conjugate gradients", "dynamic relaxation")] = "conjugate gradients"
-    tolerance: fields.Tolerance = 1e-6
+    tolerance: fields.Tolerance = 1e-5
     max_iterations: fields.Count = 5000
     precision: Annotated[str, choice("double", "single")] = "double"
 

@@ -26,6 +26,9 @@ FACTORISE_UP_TO = 35_000
 #: The coarse operator is rebuilt once the solves since the last time took so many iterations more, in all, than the
 #: shortest of them: about what building costs.
 REBUILD_AFTER = 30
+#: Least reference of residuals, as a share of the forces that hold the first guess of a solve, which exceed those in
+#: equilibrium by about a third of the plate's height in spacings.
+LEAST_REFERENCE = 1e-3
 #: A residual that has grown by this factor over the least one will not fall again.
 STAGNATION = 1e6
 #: Relative residual below which only round-off keeps the iterations from going on.
@@ -176,15 +179,17 @@ class Equilibrium:
         self.work.equilibrium_solves += 1
         residual = force * self.free
         norm = np.sqrt(dot(residual, residual))
-        self._raise_reference(force)
-        if norm <= self.tolerance * self.reference:
+        # A plate in pieces needs no force at all: the reference is never less than a small share of a first guess'.
+        self.reference = max(self.reference, LEAST_REFERENCE * self._held(force))
+        if norm <= self.tolerance * self._scale(force):
+            self.reference = self._scale(force)
             return u, force
         if self._preconditioner is None:
             self._build()
         iterations, direction, rz, best = 0, np.zeros_like(u), 1.0, np.inf
-        while norm > self.tolerance * self.reference:
+        while norm > self.tolerance * self._scale(force):
             if iterations == self.max_iterations or not np.isfinite(norm):
-                self._fail(residual, norm, iterations)
+                self._fail(residual, norm, self._scale(force), iterations)
             z = self._preconditioner(residual)
             rz, previous = dot(residual, z), rz
             direction *= rz / previous
@@ -194,7 +199,7 @@ class Equilibrium:
             best = min(best, norm)
             if not curvature > 0.0 or norm > STAGNATION * max(best, np.finfo(float).tiny):
                 # Round-off has the last word, or the stiffness is indefinite: going on would only lead away.
-                self._fail(residual, best, iterations)
+                self._fail(residual, best, self._scale(force), iterations)
             step = rz / curvature
             u += step * direction
             force += step * change
@@ -202,7 +207,7 @@ class Equilibrium:
             norm = np.sqrt(dot(residual, residual))
             iterations += 1
         self.work.equilibrium_iterations += iterations
-        self._raise_reference(force)
+        self.reference = self._scale(force)
         self._baseline = min(self._baseline, iterations)
         self._excess += iterations - self._baseline
         if self._excess > REBUILD_AFTER:
@@ -213,24 +218,32 @@ class Equilibrium:
         self.work.force_sweeps += 1
         return self.body.force(u)
 
-    def _raise_reference(self, force: np.ndarray) -> None:
+    def _scale(self, force: np.ndarray) -> float:
+        """Force that a residual is compared with: the largest that equilibria needed so far, or the present one, N.
+
+        Forces on the way to an equilibrium do not stay in the reference: those of a first guess are far too large.
+        """
+        return max(self.reference, self._held(force))
+
+    def _held(self, force: np.ndarray) -> float:
         held = force * self.fixed
-        self.reference = max(self.reference, float(np.sqrt(dot(held, held))))
+        return float(np.sqrt(dot(held, held)))
 
     def _build(self) -> None:
         self._preconditioner = Preconditioner(self.body, ~self.fixed, self.coordinates, self.spacing)
         self._baseline, self._excess = self.max_iterations, 0
         self.work.preconditioner_builds += 1
 
-    def _fail(self, residual: np.ndarray, norm: float, iterations: int) -> None:
+    def _fail(self, residual: np.ndarray, norm: float, scale: float, iterations: int) -> None:
+        scale = max(scale, 1e-300)
         worst = int(np.nanargmax(np.abs(residual).max(axis=1))) if np.isfinite(residual).any() else 0
         raise SimulationError(
-            f"equilibrium not reached: relative residual {norm / max(self.reference, 1e-300):.3g} after {iterations} "
+            f"equilibrium not reached: relative residual {norm / scale:.3g} after {iterations} "
             f"iterations (wanted {self.tolerance:g}); largest at node {worst}, "
             f"x = {self.coordinates[worst].tolist()} m; "
             + (
                 "raise solver.max_iterations or solver.tolerance"
-                if iterations == self.max_iterations or norm > ROUND_OFF * self.reference
+                if iterations == self.max_iterations or norm > ROUND_OFF * scale
                 else "round-off allows no less: raise solver.tolerance"
             )
         )

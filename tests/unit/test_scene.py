@@ -83,7 +83,7 @@ def test_absent_blocks_are_none_and_defaults_are_those_given(tmp_path):
         "geometry.cracks": [],
         "loads.0.at": "edge",
         "stepping": {"mode": "events", "grouping": 0.05},
-        "solver": {"tolerance": "1e-6", "max_iterations": 5000},
+        "solver": {"tolerance": "1e-5", "max_iterations": 5000},
         "outputs": {"count": 40},
         "damage": None,
     }
