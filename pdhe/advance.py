@@ -18,6 +18,9 @@ from pdhe.transport import STEP_SAFETY, DiffusionStep
 #: Bonds this close to the most critical one break with it. Mirror-image bonds differ by the solver's tolerance only;
 #: the margin keeps a symmetric scene symmetric, and moves a failure by less than this in resistance.
 TOGETHER = 1e-4
+#: How far below 1 a ratio counts as critical all the same. The instant of a failure is a double: loads at it may come
+#: out smaller by round-off (found 2e-16) than in the search for it. A bond that then held would be found for ever.
+ROUND_OFF = 1e-9
 #: Largest second-order term, relative to the first-order one, of the coverage of the bonds that could break, in one
 #: step. The scheme is of second order, so its own error is the next, smaller term. Measured at 2.5 mm against 0.01: 0.1
 #: leaves the fast scene's crack within 0.3 mm of 140 mm (without the limit: 5 mm) and costs the slow scene 7 % more
@@ -246,7 +249,7 @@ def fail_until_stable(case: Case, state: State, candidates: Candidates, fraction
     while candidates.bond.size:
         ratio = candidates.ratio(fraction, state.coverage)
         worst = ratio.max()
-        if worst < 1.0:
+        if worst < 1.0 - ROUND_OFF:
             break
         chosen = ratio >= max(1.0 - TOGETHER, (1.0 - max(grouping, TOGETHER)) * worst)
         break_bonds(case, state, candidates, chosen, fraction, recorder)

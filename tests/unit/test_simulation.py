@@ -1,14 +1,19 @@
 """What a run must not leave out: loads from the start, corners of the load, runs of no length, meshes gone wrong."""
 
+import numpy as np
 import pytest
 
+from pdhe.advance import fail_until_stable
+from pdhe.benchmarks.problems import mode_i
 from pdhe.case import build_case
+from pdhe.damage import Candidates, nearest_failure
 from pdhe.discretization import discretize
 from pdhe.errors import PdheError
 from pdhe.mesh import make_mesh
 from pdhe.plan import make_plan
+from pdhe.results import Recorder
 from pdhe.scene import load_scene
-from pdhe.simulation import simulate
+from pdhe.simulation import simulate, start
 
 
 def case_of(tmp_path, **changes):
@@ -59,3 +64,15 @@ def test_cracks_that_nearly_touch_do_not_coarsen_the_mesh_unnoticed(tmp_path):
                 "hydrogen.boundary": boundary,
             },
         )
+
+
+def test_a_failure_found_breaks_a_bond_even_a_rounding_error_below_its_resistance():
+    case = mode_i(800)
+    state = start(case)
+    u = 1e-6 * np.random.default_rng(3).normal(size=state.displacement.shape)
+    # Loads are proportional to the displacements: scaled so that the largest ratio is just below 1.
+    u *= (1.0 - 1e-14) / nearest_failure(case.body, case.rule, u, state.coverage)
+    critical = Candidates(case.body, case.rule, u, 1.1 * u)
+    assert 1.0 - 1e-12 < critical.ratio(0.0, state.coverage).max() < 1.0
+    fail_until_stable(case, state, critical, 0.0, Recorder())
+    assert state.broken_bonds > 0
