@@ -17,8 +17,9 @@ import numpy as np
 if "NUMBA_THREADING_LAYER" not in os.environ:
     numba.config.THREADING_LAYER = "workqueue"
 
-#: Directed bonds that keep one thread busy; at 100,000, a sweep takes about 0.1 ms.
-BONDS_PER_THREAD = 100_000
+#: Directed bonds that keep one thread busy. With half as many a second thread is worth nothing: waiting for each other
+#: after every sweep costs what it gains (measured at 20,000 nodes, 550,000 bonds).
+BONDS_PER_THREAD = 500_000
 
 
 class Kernel:
