@@ -148,6 +148,7 @@ class Equilibrium:
     ) -> None:
         self.body, self.fixed, self.coordinates, self.spacing = body, fixed, coordinates, spacing
         self.free = (~fixed).astype(float)
+        self._held_rows = np.nonzero(fixed)
         self.tolerance, self.max_iterations = tolerance, max_iterations
         self.reference = 0.0
         self.work = Work()
@@ -226,7 +227,7 @@ class Equilibrium:
         return max(self.reference, self._held(force))
 
     def _held(self, force: np.ndarray) -> float:
-        held = force * self.fixed
+        held = force[self._held_rows]
         return float(np.sqrt(dot(held, held)))
 
     def _build(self) -> None:
