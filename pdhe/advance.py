@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -239,10 +240,18 @@ def _first_crossing(worst) -> float:
     return high
 
 
-def fail_until_stable(case: Case, state: State, candidates: Candidates, fraction: float, recorder: Recorder) -> None:
+def fail_until_stable(
+    case: Case,
+    state: State,
+    candidates: Candidates,
+    fraction: float,
+    recorder: Recorder,
+    between: Callable[[], None] | None = None,
+) -> None:
     """Break critical bonds and restore equilibrium, round after round at a fixed time, until no bond is critical.
 
-    In a round every critical bond breaks whose load over resistance is within ``grouping`` of the largest.
+    In a round every critical bond breaks whose load over resistance is within ``grouping`` of the largest. After each,
+    ``between`` is called.
     """
     grouping = case.scene.stepping.grouping or 0.0
     prescribed = case.conditions.values(state.time)
@@ -258,6 +267,8 @@ def fail_until_stable(case: Case, state: State, candidates: Candidates, fraction
         u = state.displacement
         candidates, fraction = Candidates(case.body, case.rule, u, u, state.coverage), 0.0
         state.failure_rounds += 1
+        if between is not None:
+            between()
 
 
 def break_bonds(case: Case, state: State, candidates: Candidates, chosen, fraction: float, recorder: Recorder) -> None:

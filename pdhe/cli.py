@@ -31,7 +31,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 after success, 1 after an error that is explained on standard error, 130 after an interruption.
+        0 after success, 1 after an error that is explained on standard error, 128 and the number of the signal after
+        an interruption.
     """
     arguments = _parser().parse_args(argv)
     try:
@@ -39,9 +40,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (PdheError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return 130
+    except KeyboardInterrupt as stop:
+        print(str(stop) or "interrupted", file=sys.stderr)
+        return getattr(stop, "status", 130)
     return 0
 
 

@@ -29,5 +29,21 @@ class SceneError(PdheError):
         super().__init__(f"{where}{problem}{got}" + (f"; {hint}" if hint else ""))
 
 
+class Interrupted(KeyboardInterrupt):
+    """A run was told to end: not an error of the run, so that nothing that handles errors takes it for one.
+
+    Parameters
+    ----------
+    text
+        What is kept, and how to go on.
+    status
+        Exit status for the process: 128 and the number of the signal.
+    """
+
+    def __init__(self, text: str, status: int) -> None:
+        self.status = status
+        super().__init__(text)
+
+
 class SimulationError(PdheError):
     """A run cannot go on; the message names step, time and node."""

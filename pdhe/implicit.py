@@ -46,7 +46,7 @@ class ImplicitStepper:
         self._free = (~held).astype(float)
         self._outflow = diffusion.bonds.sum_by_node(diffusion.rate) + diffusion.sink()
         self._nothing, self._unused = np.zeros_like(source), np.zeros_like(source)
-        self._factored = 0.0
+        self.factored = 0.0
         short = short_bond_matrix(diffusion, self._free)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -72,16 +72,17 @@ class ImplicitStepper:
             If the equations cannot be solved.
         """
         dt, volume = GAMMA * length, self.diffusion.volume
-        self._prepare(dt)
+        self.prepare(dt)
         first, rest = self._solve(psi, volume * dt * rate * self._free, dt)
         # What the second stage has on its right beyond the first, whose own residual goes on in it.
         ahead = (1.0 - GAMMA) / GAMMA * (first - psi)
         second, _ = self._solve(first, volume * ahead * self._free + rest, dt)
         return first, second
 
-    def _prepare(self, dt: float) -> None:
+    def prepare(self, dt: float) -> None:
+        """Make ready for solves over ``dt`` seconds times the coefficient; factors that are near enough stay."""
         self._inverse_diagonal = self._free / (self.diffusion.volume * (1.0 + dt * self._outflow))
-        if self._factored / REFACTOR <= dt <= self._factored * REFACTOR:
+        if self.factored / REFACTOR <= dt <= self.factored * REFACTOR:
             return
         coarse = self._mass + dt * self._flow
         scale = coarse.diagonal()
@@ -96,7 +97,7 @@ class ImplicitStepper:
                 max_coarse=1000, coarse_solver="splu",
             )  # fmt: skip
             self._solve_coarse = cycle.aspreconditioner(cycle="V").matvec
-        self._factored = dt
+        self.factored = dt
 
     def _solve(self, psi: np.ndarray, residual: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """Take its known residual, m^3, off a coverage; gives that and what is left of the residual."""

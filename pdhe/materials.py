@@ -82,6 +82,8 @@ class Body:
         self.bonds, self.model, self.volume = bonds, model, volume
         self.coordinates = as_float(coordinates, (bonds.node_count, 2))
         self.intact = ~bonds.cut
+        #: Directed bonds that were broken, call by call.
+        self.broken: list[np.ndarray] = []
         self.cubed = np.where(self.intact, bonds.weight / bonds.length**3, 0.0).astype(precision, copy=False)
         self._by_offset = None if bonds.lattice is None else bonds.lattice.arrange(self.cubed, bonds.owners())
         n = bonds.node_count
@@ -114,6 +116,7 @@ class Body:
         """
         directed = np.asarray(directed)
         directed = directed[self.intact[directed]]
+        self.broken.append(directed)
         both = np.unique(np.concatenate([directed, self.bonds.reverse[directed]]))
         self.broken_weight += 0.5 * float(np.sum(self.bonds.weight[both] * self.bonds.length[both]))
         self.intact[both] = False

@@ -59,7 +59,7 @@ def write_netcdf(
     for variable in variables.values():
         sizes |= dict(zip(variable.dims, np.shape(variable.values), strict=True))
     attached: set[str] = set()
-    with _moved_when_whole(path) as temporary, netCDF4.Dataset(temporary, "w") as file:
+    with moved_when_whole(path) as temporary, netCDF4.Dataset(temporary, "w") as file:
         for name, size in sizes.items():
             file.createDimension(name, size)
         for name, (dims, values, own) in variables.items():
@@ -126,7 +126,7 @@ def _describes(name: str, coordinate: Variable, dims: tuple[str, ...]) -> bool:
 
 
 @contextlib.contextmanager
-def _moved_when_whole(path: Path) -> Iterator[Path]:
+def moved_when_whole(path: Path) -> Iterator[Path]:
     """Give a name to write to, which is moved to its place afterwards, or removed where writing fails."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}.part")
     try:

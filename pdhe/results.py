@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 #: Fields that are stored compressed in single precision: their error, 6e-8, is far below that of the model.
 SINGLE = {"damage", "coverage"}
+#: What the name of a checkpoint has after that of the result.
+CHECKPOINT = ".checkpoint"
 COORDINATES = ("time", "node_x", "node_y", "history_time", "component")
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from pdhe import advance as moves
 from pdhe.case import Case, build_case
+from pdhe.checkpoint import Keeper, Run, identity
 from pdhe.damage import Candidates, nearest_failure
 from pdhe.discretization import Discretization, discretize
 from pdhe.errors import PdheError, SimulationError
@@ -20,7 +21,7 @@ from pdhe.kernels import threads_for
 from pdhe.mesh import make_mesh
 from pdhe.plan import make_plan
 from pdhe.provenance import digest, fingerprint, machine, versions
-from pdhe.results import Contents, Recorder
+from pdhe.results import CHECKPOINT, Contents, Recorder
 from pdhe.scene import Scene
 from pdhe.state import State
 
@@ -45,13 +46,19 @@ def solve_case(
 ) -> None:
     """Run a scene and write its result file, which says what made it.
 
-    ``command`` is the one that was given, ``remarks`` are further attributes of the file.
+    While it runs, checkpoints are kept beside the result (:mod:`pdhe.checkpoint`); if there is one of this scene, these
+    nodes and this code, the run goes on from there. ``command`` is the one that was given, ``remarks`` are further
+    attributes of the file.
 
     Raises
     ------
     SceneError, SimulationError
         If the scene cannot be run on this mesh, or the run cannot go on.
+    Interrupted
+        After SIGTERM or SIGINT, if this is the main thread.
     """
+    path, log = Path(path), progress or _silent
+    keeper = Keeper(checkpoint_of(path), identity(scene.resolved(), discretization), log)
     case = build_case(scene, discretization)
     pilot = fly_pilot(scene, discretization.volume.size) if discretization.volume.size >= PILOT_FROM else None
     plan = make_plan(case, pilot)
@@ -60,7 +67,20 @@ def solve_case(
         if pilot is not None:
             # Not part of the plan that the result keeps: it depends on the machine.
             progress(f"expected time: {make_forecast(case, pilot).seconds:.3g} s of processor time on one thread")
-    contents = _simulate(case, progress)
+    with keeper.listening():
+        _solve(case, path, log, keeper, plan, command, remarks or {})
+
+
+def checkpoint_of(result: Path) -> Path:
+    """Return where the checkpoints of a run with this result file are kept."""
+    return result.with_name(f"{result.name}{CHECKPOINT}")
+
+
+def _solve(
+    case: Case, path: Path, log: Progress, keeper: Keeper, plan: str, command: str, remarks: Mapping[str, Any]
+) -> None:
+    scene = case.scene
+    contents = _simulate(case, log, keeper)
     contents.attributes.update(
         {
             "plan": plan,
@@ -70,10 +90,11 @@ def solve_case(
             "versions": json.dumps(versions(), sort_keys=True),
             "machine": machine(),
             "command": command,
-            **(remarks or {}),
+            **remarks,
         }
     )
     contents.write(path)
+    keeper.remove()
 
 
 def fly_pilot(scene: Scene, nodes: int) -> Pilot | None:
@@ -86,7 +107,7 @@ def fly_pilot(scene: Scene, nodes: int) -> Pilot | None:
             mesh_file = Path(folder, "pilot.msh")
             make_mesh(coarse.geometry, coarse.mesh, mesh_file)
             case = build_case(coarse, discretize(mesh_file, coarse.geometry, coarse.mesh))
-        variables = _simulate(case, None).variables
+        variables = _simulate(case).variables
     except PdheError:
         return None  # too coarse for the scene's own details: that says nothing against the scene
     counts = {
@@ -109,15 +130,29 @@ def simulate(case: Case, progress: Progress | None = None) -> xr.Dataset:
 
     Bonds break in the case itself: build a new one for another run.
     """
-    return _simulate(case, progress).dataset()
+    return _simulate(case, progress or _silent).dataset()
 
 
-def _simulate(case: Case, progress: Progress | None) -> Contents:
+def _silent(text: str) -> None:
+    """Show no progress."""
+
+
+def _simulate(case: Case, log: Progress = _silent, keeper: Keeper | None = None) -> Contents:
     with threads_for(case.bonds.length.size):
-        return _run(case, progress or (lambda text: None))
+        run = (keeper.load(case) if keeper else None) or _begin(case)
+        step = _step_events if case.scene.stepping.mode == "events" else _step_fixed
+        try:
+            step(run, log, keeper.offer if keeper else lambda run: None)
+        except SimulationError as error:
+            state = run.state
+            where = f"at t = {state.time:.6g} s, failure round {state.failure_rounds}"
+            raise SimulationError(f"{where}: {error}") from error
+        status = "complete" if not run.runaways else "complete; crack ran away: " + "; ".join(run.runaways)
+        return run.recorder.contents(case.discretization, {"title": case.scene.title, "status": status})
 
 
-def _run(case: Case, log: Progress) -> Contents:
+def _begin(case: Case) -> Run:
+    """Run at time zero, in equilibrium and recorded."""
     state, recorder = start(case), Recorder()
     if case.rule is not None:
         # Loads that are on from the start may break bonds before any time has passed.
@@ -125,14 +160,7 @@ def _run(case: Case, log: Progress) -> Contents:
         begin = Candidates(case.body, case.rule, u, u, state.coverage)
         moves.fail_until_stable(case, state, begin, 0.0, recorder)
     record(case, state, recorder, snapshot=True)
-    step = _step_events if case.scene.stepping.mode == "events" else _step_fixed
-    runaways: list[str] = []
-    try:
-        step(case, state, recorder, log, runaways)
-    except SimulationError as error:
-        raise SimulationError(f"at t = {state.time:.6g} s, failure round {state.failure_rounds}: {error}") from error
-    status = "complete" if not runaways else "complete; crack ran away: " + "; ".join(runaways)
-    return recorder.contents(case.discretization, {"title": case.scene.title, "status": status})
+    return Run(case, state, recorder)
 
 
 def start(case: Case) -> State:
@@ -151,41 +179,63 @@ def start(case: Case) -> State:
     return state
 
 
-def _step_events(case: Case, state: State, recorder: Recorder, log: Progress, runaways: list[str]) -> None:
-    """Go from event to event: load corner, output, failure. Displacements are solved for only when forces changed."""
+def _step_events(run: Run, log: Progress, offer: Callable[[Run], None]) -> None:
+    """Go from event to event: load corner, output, failure. Displacements are solved for only when forces changed.
+
+    The run may be under way: between two corners of the loads, or between two rounds of failures.
+    """
+    case, state = run.case, run.state
     outputs = [t for t in case.scene.outputs.times if t > 0.0]
     end = case.scene.time.end
     corners = sorted({t for t in _corners(case) if 0.0 < t < end} | {end})
+    if run.failing_from is not None:
+        u = state.displacement
+        _fail(run, Candidates(case.body, case.rule, u, u, state.coverage), 0.0, log, offer)
+        _note_event(run, True, state.time in outputs, log, offer)
     while state.time < end:
-        motion = candidates = None
+        candidates = None
         corner = next(t for t in corners if t > state.time)
         if case.equilibrium is not None:
-            motion = moves.start_motion(case, state, corner)
+            run.motion = run.motion or moves.start_motion(case, state, corner)
             if case.rule is not None:
-                candidates = Candidates(case.body, case.rule, motion.u0, motion.u1)
+                candidates = Candidates(case.body, case.rule, run.motion.u0, run.motion.u1)
         failed = False
         while state.time < corner and not failed:
             until = min([corner, *[t for t in outputs if t > state.time][:1]])
+            motion = run.motion
             failed = moves.advance(case, state, until, motion, candidates)
             if motion is not None:
                 moves.move_to(case, state, motion, state.time)
+            if failed or state.time == corner:
+                run.motion = None
             if failed:
-                before = state.crack_extension
-                moves.fail_until_stable(case, state, candidates, motion.fraction(state.time), recorder)
-                _note_runaway(case, state, before, runaways, log)
-            output = state.time in outputs
+                run.failing_from = state.crack_extension
+                _fail(run, candidates, motion.fraction(state.time), log, offer)
             # A corner of the loads is an extreme of the history, whether or not an output falls on it.
-            if failed or output or state.time == corner:
-                record(case, state, recorder, snapshot=output)
-            if output:
-                log(_progress_line(case, state))
+            _note_event(run, failed or state.time == corner, state.time in outputs, log, offer)
 
 
-def _step_fixed(case: Case, state: State, recorder: Recorder, log: Progress, runaways: list[str]) -> None:
+def _fail(run: Run, candidates: Candidates, fraction: float, log: Progress, offer: Callable[[Run], None]) -> None:
+    """Let bonds fail until none is critical any more."""
+    moves.fail_until_stable(run.case, run.state, candidates, fraction, run.recorder, lambda: offer(run))
+    _note_runaway(run, log)
+
+
+def _note_event(run: Run, history: bool, output: bool, log: Progress, offer: Callable[[Run], None]) -> None:
+    """Record an event, and let a checkpoint be taken."""
+    if history or output:
+        record(run.case, run.state, run.recorder, snapshot=output)
+    if output:
+        log(_progress_line(run.case, run.state))
+    offer(run)
+
+
+def _step_fixed(run: Run, log: Progress, offer: Callable[[Run], None]) -> None:
     """Equal load steps, each with equal diffusion sub-steps, an equilibrium and the failures that follow from it."""
+    case, state, recorder = run.case, run.state, run.recorder
     stepping, end = case.scene.stepping, case.scene.time.end
-    pending = [t for t in case.scene.outputs.times if t > 0.0]
-    for step in range(1, stepping.load_steps + 1):
+    pending = [t for t in case.scene.outputs.times if t > 0.0 and (not run.step or state.time < t * (1.0 - 1e-12))]
+    for step in range(run.step + 1, stepping.load_steps + 1):
         t = end * step / stepping.load_steps
         if case.diffusion is not None:
             begin = state.time
@@ -197,11 +247,11 @@ def _step_fixed(case: Case, state: State, recorder: Recorder, log: Progress, run
             u, force = case.equilibrium.solve(state.displacement, case.conditions.values(t))
             moves.move_to(case, state, moves.Motion(t, t, u, u, force, force), t)
             if case.rule is not None:
-                before, failed = state.crack_extension, -state.failure_rounds
+                run.failing_from, failed = state.crack_extension, -state.failure_rounds
                 candidates = Candidates(case.body, case.rule, u, u, state.coverage)
                 moves.fail_until_stable(case, state, candidates, 0.0, recorder)
                 failed += state.failure_rounds
-                _note_runaway(case, state, before, runaways, log)
+                _note_runaway(run, log)
         output = bool(pending) and t >= pending[0] * (1.0 - 1e-12)
         while pending and t >= pending[0] * (1.0 - 1e-12):
             pending.pop(0)
@@ -209,6 +259,8 @@ def _step_fixed(case: Case, state: State, recorder: Recorder, log: Progress, run
             record(case, state, recorder, snapshot=output)
         if output:
             log(_progress_line(case, state))
+        run.step = step
+        offer(run)
 
 
 def _corners(case: Case) -> list[float]:
@@ -218,13 +270,15 @@ def _corners(case: Case) -> list[float]:
     return times
 
 
-def _note_runaway(case: Case, state: State, before: float, runaways: list[str], log: Progress) -> None:
-    if state.crack_extension - before > RUNAWAY * case.bonds.horizon:
+def _note_runaway(run: Run, log: Progress) -> None:
+    """Say if the crack ran while bonds failed at one instant, which is over."""
+    state, before, run.failing_from = run.state, run.failing_from, None
+    if state.crack_extension - before > RUNAWAY * run.case.bonds.horizon:
         text = (
             f"at {state.time:.6g} s the crack ran from {before * 1e3:.3g} to {state.crack_extension * 1e3:.3g} mm "
             "of extension at fixed time"
         )
-        runaways.append(text)
+        run.runaways.append(text)
         log(text)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -154,6 +155,23 @@ class Equilibrium:
         self.work = Work()
         self._preconditioner: Preconditioner | None = None
         self._baseline, self._excess = max_iterations, 0
+        self._built_after = 0
+
+    def memory(self) -> dict[str, Any]:
+        """What later solves depend on, beside the broken bonds; the work counted so far is apart."""
+        built = None if self._preconditioner is None else self._built_after
+        return {"reference": self.reference, "baseline": self._baseline, "excess": self._excess, "built_after": built}
+
+    def recall(self, memory: Mapping[str, Any], broken: Sequence[np.ndarray]) -> None:
+        """Become as a solver was that said this of itself, and break the bonds of its body, call by call."""
+        built_after = memory["built_after"]
+        for count in range(len(broken) + 1):
+            if count == built_after:
+                self._preconditioner = Preconditioner(self.body, ~self.fixed, self.coordinates, self.spacing)
+                self._built_after = count
+            if count < len(broken):
+                self.body.break_bonds(broken[count])
+        self.reference, self._baseline, self._excess = memory["reference"], memory["baseline"], memory["excess"]
 
     def solve(self, u: np.ndarray, prescribed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Bring a displacement field into equilibrium.
@@ -233,6 +251,7 @@ class Equilibrium:
     def _build(self) -> None:
         self._preconditioner = Preconditioner(self.body, ~self.fixed, self.coordinates, self.spacing)
         self._baseline, self._excess = self.max_iterations, 0
+        self._built_after = len(self.body.broken)
         self.work.preconditioner_builds += 1
 
     def _fail(self, residual: np.ndarray, norm: float, scale: float, iterations: int) -> None:

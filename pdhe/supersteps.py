@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -119,6 +120,26 @@ class SuperStepper:
     def fits(self, held: np.ndarray, source: np.ndarray) -> bool:
         """Whether this is the stepper for these nodes and edges."""
         return np.array_equal(held, self.held) and np.array_equal(source, self.source)
+
+    def memory(self) -> dict[str, float | int | None]:
+        """What later steps depend on, beside held nodes and edges."""
+        implicit = None if self.implicit is None else self.implicit.factored
+        return {
+            "iterations_per_step": self.iterations_per_step,
+            "forgone": self.forgone,
+            "sweeps": self.sweeps,
+            "iterations": self.iterations,
+            "implicit": implicit,
+        }
+
+    def recall(self, memory: Mapping[str, float | int | None]) -> None:
+        """Become as a stepper was that said this of itself."""
+        rest = dict(memory)
+        factored = rest.pop("implicit")
+        vars(self).update(rest)
+        if factored is not None:
+            self.implicit = ImplicitStepper(self.diffusion, self.held, self.source)
+            self.implicit.prepare(factored)
 
     def _implicit_pays(self, length: float, left: float) -> bool:
         """Whether an implicit step of this length takes less work.

@@ -1,0 +1,357 @@
+"""Runs that were interrupted go on to the same bits; a checkpoint that does not fit is ignored with a word."""
+
+import contextlib
+import multiprocessing
+import os
+import random
+import re
+import signal
+import sys
+import time
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdhe import checkpoint, cli
+from pdhe.benchmarks.problems import lattice_nodes
+from pdhe.case import build_case
+from pdhe.checkpoint import CADENCE, Keeper
+from pdhe.discretization import write_discretization
+from pdhe.errors import Interrupted, PdheError
+from pdhe.implicit import ImplicitStepper
+from pdhe.netcdf import read_netcdf
+from pdhe.provenance import canonical
+from pdhe.scene import load_scene
+from pdhe.simulation import solve_case
+from pdhe.state import State
+from pdhe.supersteps import SuperStepper
+
+COARSE = {"mesh.spacing": "10 mm"}
+#: A ramp that goes on while bonds break, round after round: preconditioners are built anew on the way.
+TORN = {
+    "mesh.spacing": "5 mm",
+    "hydrogen": None,
+    "loads": [
+        {"on": "top", "displacement": {"y": {"0 h": "0 mm", "10 h": "0.3 mm"}}},
+        {"on": "bottom", "displacement": {"y": "0 mm"}},
+    ],
+    "time.end": "11 h",
+    "outputs.count": 5,
+    "stepping.grouping": 0.02,
+}
+#: A long slab that comes to rest: implicit steps after a while.
+SLAB = {
+    "geometry": {"plate": {"width": "200 mm", "height": "1 mm", "thickness": "1 mm"}},
+    "mesh.spacing": "0.25 mm",
+    "time.end": "1e7 s",
+    "outputs.count": 5,
+}
+FIXED = {**COARSE, "stepping": {"mode": "fixed", "load_steps": 20, "diffusion_substeps": 100}, "outputs.count": 4}
+SCENES = {
+    "events": ("smoke", COARSE, 3),
+    "many outputs between corners": ("smoke", {**COARSE, "outputs.count": 40, "solver.precision": "single"}, 8),
+    "rounds of failures": ("smoke", TORN, 31),
+    "fixed": ("smoke", FIXED, 3),
+    "relaxation": ("smoke", {**COARSE, "solver.method": "dynamic relaxation", "time.end": "6e6 s"}, 5),
+    "long diffusion steps": ("diffusion", SLAB, 1),
+}
+
+
+def problem(name, changes):
+    scene = load_scene(f"config/scenes/{name}.yaml", changes)
+    return scene, lattice_nodes(scene)
+
+
+def assert_same(path, other):
+    """Every variable and attribute to the bit; results hold no time stamps."""
+    (arrays, attributes), (arrays_too, attributes_too) = read_netcdf(path), read_netcdf(other)
+    assert attributes == attributes_too
+    assert arrays.keys() == arrays_too.keys()
+    for name, values in arrays.items():
+        same = values.tolist() == arrays_too[name].tolist() if values.dtype == object else None
+        assert same if same is not None else values.tobytes() == arrays_too[name].tobytes(), name
+
+
+class Stop(Exception):
+    """Stands for a sudden end."""
+
+
+def end_after(monkeypatch, count):
+    """Let runs end, as if killed, at every ``count``-th safe point; the list tells where, and what was counted."""
+    seen = []
+    offer = Keeper.offer
+
+    def counted(self, run):
+        offer(self, run)
+        seen.append(run)
+        if len(seen) % count == 0:
+            raise Stop
+
+    monkeypatch.setattr(Keeper, "offer", counted)
+    return seen
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_run_ended_at_safe_points_gives_the_same_bits(name, tmp_path, monkeypatch):
+    scene_name, changes, stride = SCENES[name]
+    scene, nodes = problem(scene_name, changes)
+    monkeypatch.setenv(CADENCE, "off")
+    solve_case(scene, nodes, tmp_path / "whole.nc")
+    monkeypatch.setenv(CADENCE, "0")
+    seen = end_after(monkeypatch, stride)
+    ends = 0
+    while not (tmp_path / "parts.nc").exists():
+        with contextlib.suppress(Stop):
+            solve_case(scene, nodes, tmp_path / "parts.nc")
+            break
+        ends += 1
+        assert (tmp_path / "parts.nc.checkpoint").is_file() and not (tmp_path / "parts.nc").exists()
+    assert ends >= 3
+    assert_same(tmp_path / "whole.nc", tmp_path / "parts.nc")
+    assert {path.name for path in tmp_path.iterdir()} == {"whole.nc", "parts.nc"}
+    last = seen[-1]
+    if name == "rounds of failures":
+        assert last.case.equilibrium.work.preconditioner_builds > 2
+        assert any(run.failing_from is not None for run in seen)
+    if name == "long diffusion steps":
+        assert last.state.stepper.implicit is not None
+
+
+def solve_through_the_command_line(words, log, cadence):
+    """One ``pdhe`` command in a process of its own."""
+    os.environ[CADENCE] = cadence
+    os.environ["NUMBA_NUM_THREADS"] = "1"
+    with Path(log).open("a") as stream:
+        os.dup2(stream.fileno(), 1)
+        os.dup2(stream.fileno(), 2)
+    sys.exit(cli.main(words))
+
+
+@pytest.fixture(scope="module")
+def processes():
+    """Processes forked from one that has imported everything and computed nothing."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["pdhe.simulation", "pdhe.cli", "netCDF4", __name__])
+    return context
+
+
+class Job:
+    """A solve that can be killed and started again."""
+
+    def __init__(self, processes, folder, changes):
+        self.processes, self.folder = processes, folder
+        self.out, self.log = folder / "run.nc", folder / "run.log"
+        scene, nodes = problem("smoke", changes)
+        write_discretization(nodes, folder / "nodes.nc")
+        self.words = ["solve", "--spec", canonical(scene.resolved()), "--nodes", str(folder / "nodes.nc")]
+
+    def start(self, cadence="0"):
+        words = [*self.words, "--out", str(self.out)]
+        process = self.processes.Process(target=solve_through_the_command_line, args=(words, str(self.log), cadence))
+        before = self.told()
+        process.start()
+        # The plan is printed when all is ready to run.
+        while process.is_alive() and self.told() == before:
+            time.sleep(0.001)
+        return process
+
+    def told(self):
+        return self.log.read_text() if self.log.exists() else ""
+
+    def whole(self):
+        """Run without interruption; return the seconds it took with a checkpoint at every safe point."""
+        for cadence in ("off", "0"):  # the first may have to compile
+            process, begin = self.start(cadence), time.monotonic()
+            process.join(100)
+            assert process.exitcode == 0, self.told()
+            took = time.monotonic() - begin
+        # The command that made it is an attribute: the same name, out of the way.
+        self.out.rename(self.folder / "whole.nc")
+        self.log.unlink()
+        return took
+
+
+#: Of about 40 safe points; a second on one core.
+KILLED = {**COARSE, "outputs.count": 30}
+
+
+@pytest.mark.parametrize("kills", [5, pytest.param(50, marks=pytest.mark.slow)])
+def test_a_run_killed_at_random_instants_gives_the_same_bits(kills, processes, tmp_path):
+    job, random_instant = Job(processes, tmp_path, KILLED), random.Random(kills)
+    took = job.whole()
+    killed = 0
+    while killed < kills:
+        process = job.start()
+        process.join(random_instant.uniform(0.0, 0.7) * took)
+        process.kill()
+        process.join()
+        if process.exitcode == 0:
+            assert_same(tmp_path / "whole.nc", job.out)
+            job.out.unlink()
+        else:
+            assert process.exitcode == -signal.SIGKILL, job.told()
+            # A finished file is never half-written.
+            if job.out.exists():
+                assert_same(tmp_path / "whole.nc", job.out)
+            killed += 1
+    process = job.start()
+    process.join(100)
+    assert process.exitcode == 0, job.told()
+    assert_same(tmp_path / "whole.nc", job.out)
+    # The run went on from many different times.
+    times = re.findall(r"going on from t = (\S+) s", job.told())
+    assert len(set(times)) > kills // 4
+    assert not job.out.with_name("run.nc.checkpoint").exists()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_leaves_a_checkpoint_and_a_status(number, processes, tmp_path):
+    job = Job(processes, tmp_path, TORN)
+    process = job.start("1000")  # none falls due: the one that is there is that of the signal
+    while "t = " not in job.told():
+        assert process.is_alive(), job.told()
+        time.sleep(0.01)
+    os.kill(process.pid, number)
+    process.join(60)
+    text = job.told()
+    assert process.exitcode == 128 + number, text
+    assert f"interrupted by {number.name} at t = " in text and "the same command goes on from there" in text
+    assert job.out.with_name("run.nc.checkpoint").is_file() and not job.out.exists()
+    # The next call goes on; when it is told to end as well, once it has gone on, the checkpoint is a later one.
+    first = job.out.with_name("run.nc.checkpoint").read_bytes()
+    process = job.start("1000")
+    while "going on from t = " not in job.told():
+        assert process.is_alive(), job.told()
+        time.sleep(0.01)
+    process.terminate()
+    process.join(60)
+    assert process.exitcode == 128 + signal.SIGTERM
+    assert job.out.with_name("run.nc.checkpoint").read_bytes() != first
+
+
+@pytest.fixture
+def left(tmp_path, monkeypatch):
+    """A scene, its nodes and the result to be, of which a checkpoint is there."""
+    monkeypatch.setenv(CADENCE, "0")
+    scene, nodes = problem("smoke", COARSE)
+    with pytest.MonkeyPatch.context() as patch:
+        end_after(patch, 10)
+        with pytest.raises(Stop):
+            solve_case(scene, nodes, tmp_path / "run.nc")
+    return scene, nodes, tmp_path / "run.nc"
+
+
+@pytest.mark.parametrize(
+    ("part", "spoil"),
+    [
+        ("scene", lambda scene, nodes, patch: (load_scene("config/scenes/smoke.yaml", {**COARSE, "title": "Other"}),)),
+        ("code", lambda scene, nodes, patch: patch.setattr(checkpoint, "fingerprint", lambda name: "0")),
+        ("versions", lambda scene, nodes, patch: patch.setattr(checkpoint, "versions", lambda: {"numba": "0"})),
+        ("nodes", lambda scene, nodes, patch: nodes.vertices.__iadd__(1e-12)),
+    ],
+)
+def test_a_stale_checkpoint_is_ignored_with_a_word(left, part, spoil, monkeypatch):
+    scene, nodes, out = left
+    changed = spoil(scene, nodes, monkeypatch)
+    log = []
+    solve_case(changed[0] if isinstance(changed, tuple) else scene, nodes, out, log.append)
+    told = [line for line in log if "stale, ignored" in line]
+    assert len(told) == 1 and f"(other {part}" in told[0]
+    assert not any("going on" in line for line in log) and out.is_file()
+
+
+@pytest.mark.parametrize("damage", ["empty", "cut", "flipped", "text"])
+def test_a_damaged_checkpoint_is_ignored_with_a_word(left, damage):
+    scene, nodes, out = left
+    place = out.with_name("run.nc.checkpoint")
+    content = bytearray(place.read_bytes())
+    content[len(content) // 2] ^= 4
+    whole = place.read_bytes()
+    place.write_bytes({"empty": b"", "cut": whole[: len(whole) // 2], "flipped": content, "text": b"no zip"}[damage])
+    log = []
+    solve_case(scene, nodes, out, log.append)
+    assert any("damaged, ignored" in line for line in log) and out.is_file() and not place.exists()
+
+
+def test_short_runs_write_none_and_a_full_disk_ends_no_run(tmp_path, monkeypatch):
+    scene, nodes = problem("smoke", COARSE)
+    calls, log = [], []
+
+    def full(*_, **__):
+        calls.append(1)
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(checkpoint.np, "savez", full)
+    solve_case(scene, nodes, tmp_path / "run.nc", log.append)
+    assert not calls
+    monkeypatch.setenv(CADENCE, "0")
+    solve_case(scene, nodes, tmp_path / "run.nc", log.append)
+    assert calls and sum("no checkpoint could be written" in line for line in log) == len(calls)
+    assert [path.name for path in tmp_path.iterdir()] == ["run.nc"]
+
+
+def test_writing_takes_a_small_share_of_the_time(tmp_path, monkeypatch):
+    """A run of a million seconds with a point a second and checkpoints of up to twenty seconds."""
+    clock, costs = [0.0], []
+
+    def taken(run):
+        costs.append(0.01 if len(costs) < 3 else 20.0)
+        clock[0] += costs[-1]
+        return {}, {}
+
+    monkeypatch.setattr(checkpoint.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(checkpoint, "_taken", taken)
+    keeper, times = Keeper(tmp_path / "x", {}, print), []
+    while clock[0] < 1e6:
+        clock[0] += 1.0
+        before = len(costs)
+        keeper.offer(None)
+        times += [clock[0]] * (len(costs) > before)
+    assert times[:4] == pytest.approx([30.01, 60.02, 90.03, 140.03])
+    assert len(times) > 300 and keeper.spent == pytest.approx(sum(costs))
+    # Each but the last is paid for before the next one comes.
+    assert sum(costs[:-1]) <= checkpoint.SHARE * clock[0]
+
+
+@pytest.mark.parametrize("text", ["soon", "-1", "nan", "inf"])
+def test_a_cadence_that_makes_no_sense_is_refused(text, tmp_path, monkeypatch):
+    monkeypatch.setenv(CADENCE, text)
+    with pytest.raises(PdheError, match="PDHE_CHECKPOINT: needs seconds or 'off'"):
+        Keeper(tmp_path / "x", {}, print)
+
+
+def test_a_signal_does_not_wait_for_ever(tmp_path, monkeypatch):
+    monkeypatch.setattr(checkpoint, "GRACE", 0.05)
+    before = signal.getsignal(signal.SIGTERM)
+    with (
+        pytest.raises(Interrupted, match="SIGTERM without a new checkpoint") as stop,
+        Keeper(tmp_path / "x", {}, print).listening(),
+    ):
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(5.0)
+    assert stop.value.status == 143
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_nothing_that_has_a_history_is_forgotten(tmp_path):
+    """Whoever adds an attribute to one of these classes decides here whether a checkpoint has to hold it."""
+    scene, nodes = problem("smoke", COARSE)
+    solver, body = (case := build_case(scene, nodes)).equilibrium, case.body
+    given = {"body", "fixed", "coordinates", "spacing", "free", "tolerance", "max_iterations"}
+    assert vars(solver).keys() - given == {
+        "reference", "work", "_preconditioner", "_baseline", "_excess", "_built_after",
+    }  # fmt: skip
+    follows_from_broken = {"intact", "cubed", "_by_offset", "share", "inverse", "_spin", "_phi", "broken_weight"}
+    given = {"bonds", "model", "volume", "coordinates", "normal", "tangential"}
+    assert vars(body).keys() - given - follows_from_broken == {"broken"}
+    stepper = SuperStepper(case.diffusion, np.zeros(nodes.volume.size, bool), np.zeros(nodes.volume.size))
+    given = {"diffusion", "held", "source", "short", "shortest", "longest"}
+    assert vars(stepper).keys() - given == set(stepper.memory())
+    stepper = ImplicitStepper(stepper.diffusion, stepper.held, stepper.source)
+    given = {"diffusion", "held", "source", "_free", "_outflow", "_nothing", "_unused", "_prolongate", "_restrict"}
+    # Of the iterations, only differences count.
+    assert vars(stepper).keys() - given - {"_mass", "_flow", "iterations"} == {"factored"}
+    simple = {"float", "int", "np.ndarray", "np.ndarray | None"}
+    assert [field.name for field in fields(State) if field.type not in simple] == ["stepper"]
