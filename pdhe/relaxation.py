@@ -6,7 +6,7 @@ import numpy as np
 
 from pdhe.kernels.vectors import dot
 from pdhe.materials import Body
-from pdhe.solvers import LEAST_REFERENCE, Equilibrium
+from pdhe.solvers import LEAST_REFERENCE, STAGNATION, Equilibrium
 
 #: Fictitious mass over the least that Gershgorin's theorem proves stable for a unit time step.
 MASS_SAFETY = 1.05
@@ -32,8 +32,10 @@ class DynamicRelaxation(Equilibrium):
         mass = fictitious_mass(self.body)
         inverse_mass = np.where(mass > 0.0, 1.0 / np.where(mass > 0.0, mass, 1.0), 0.0)
         start, first, velocity, iterations = u.copy(), force.copy(), np.zeros_like(u), 0
+        best = norm
         while norm > self.tolerance * self._scale(force):
-            if iterations == self.max_iterations or not np.isfinite(norm):
+            best = min(best, norm)
+            if iterations == self.max_iterations or not norm <= STAGNATION * best:
                 self._fail(residual, norm, self._scale(force), iterations)
             damping = self._damping(u - start, (first - force) * self.free, mass)
             push = inverse_mass * residual

@@ -23,6 +23,8 @@ from pdhe.plan import make_plan
 from pdhe.provenance import digest, fingerprint, machine, versions
 from pdhe.results import CHECKPOINT, Contents, Recorder
 from pdhe.scene import Scene
+from pdhe.solvers import INDEFINITE
+from pdhe.stability import NEGATIVE, least_eigenvalue
 from pdhe.state import State
 
 if TYPE_CHECKING:
@@ -294,6 +296,13 @@ def _progress_line(case: Case, state: State) -> str:
     return "; ".join(parts)
 
 
+def _check_stability(case: Case) -> None:
+    """Stop where breaking has left a stiffness that is not positive, on which an equilibrium means nothing."""
+    least = least_eigenvalue(case.body, ~case.conditions.fixed)
+    if least < NEGATIVE:
+        raise SimulationError(f"{INDEFINITE} (least eigenvalue {least:.3g} of the largest)")
+
+
 def record(case: Case, state: State, recorder: Recorder, snapshot: bool) -> None:
     """Append the present state to the history, and to the snapshots where asked."""
     volume = case.discretization.volume
@@ -315,6 +324,8 @@ def record(case: Case, state: State, recorder: Recorder, snapshot: bool) -> None
     if case.rule is not None:
         phi = case.body.damage()
         fields["damage"] = phi
+        if snapshot and state.broken_bonds and case.body.tangential < 0.0:
+            _check_stability(case)
         nearest = nearest_failure(case.body, case.rule, state.displacement, state.coverage)
         row |= {
             "fracture_energy": state.fracture_energy,

@@ -30,6 +30,11 @@ REBUILD_AFTER = 30
 #: Least reference of residuals, as a share of the forces that hold the first guess of a solve, which exceed those in
 #: equilibrium by about a third of the plate's height in spacings.
 LEAST_REFERENCE = 1e-3
+#: What may be wrong where Poisson's ratio exceeds 1/3.
+INDEFINITE = (
+    "the stiffness is no longer positive: above 1/3, Poisson's ratio asks for a negative tangential stiffness, which "
+    "needs whole families around a node; lower material.poissons_ratio, raise horizon.ratio, or take a finer mesh"
+)
 #: A residual that has grown by this factor over the least one will not fall again.
 STAGNATION = 1e6
 #: Relative residual below which only round-off keeps the iterations from going on.
@@ -260,10 +265,12 @@ class Equilibrium:
         raise SimulationError(
             f"equilibrium not reached: relative residual {norm / scale:.3g} after {iterations} "
             f"iterations (wanted {self.tolerance:g}); largest at node {worst}, "
-            f"x = {self.coordinates[worst].tolist()} m; "
-            + (
-                "raise solver.max_iterations or solver.tolerance"
-                if iterations == self.max_iterations or norm > ROUND_OFF * scale
-                else "round-off allows no less: raise solver.tolerance"
-            )
+            f"x = {self.coordinates[worst].tolist()} m; " + self._hint(norm > ROUND_OFF * scale, iterations)
         )
+
+    def _hint(self, far: bool, iterations: int) -> str:
+        if far and iterations < self.max_iterations and self.body.tangential < 0.0:
+            return INDEFINITE
+        if far or iterations == self.max_iterations:
+            return "raise solver.max_iterations or solver.tolerance"
+        return "round-off allows no less: raise solver.tolerance"

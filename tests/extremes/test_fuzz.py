@@ -7,11 +7,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pdhe.case import build_case
-from pdhe.errors import PdheError, SceneError
+from pdhe.errors import PdheError, SceneError, SimulationError
 from pdhe.extremes.scenes import Run, promises
 from pdhe.plan import make_plan
 from pdhe.scene import Scene
 from pdhe.simulation import simulate
+from pdhe.solvers import INDEFINITE
 from pdhe.verification.slabs import nodes_of
 
 #: Refusals by the mesh, which knows no scene: they name the place in words.
@@ -141,7 +142,13 @@ def check(raw):
         return
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
-        result = simulate(case)
+        try:
+            result = simulate(case)
+        except SimulationError as error:
+            # Too few bonds are left for a negative tangential stiffness: said, not gone on with.
+            assert raw["material"]["poissons_ratio"] > 1 / 3, error
+            assert INDEFINITE in str(error)
+            return
     broken = [(row.what, row.measured) for row in promises(Run(case, result)) if not row.passed]
     assert not broken
 
