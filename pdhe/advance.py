@@ -145,7 +145,7 @@ def _diffuse_until(
     if candidates is not None and motion.moving:
         # Loads are convex in time: below the least resistance at both ends, below it in between.
         ends = candidates.load(motion.fraction(state.time)), candidates.load(motion.fraction(until))
-        if np.maximum(*ends).max() < candidates.rule.weakest:
+        if (np.maximum(*ends) < candidates.rule.weakest_of(candidates.bond)).all():
             candidates = None
     if steady and candidates is None:
         _diffuse_far(case, state, until)

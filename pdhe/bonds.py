@@ -11,9 +11,32 @@ from pdhe.errors import PdheError
 from pdhe.kernels import moments
 from pdhe.kernels.families import find_families, reverse_bonds
 from pdhe.kernels.jit import as_float
+from pdhe.kernels.vectors import dot
 
 #: Corrections are confined to this range: a handful of bonds in corners would otherwise reach +-20 (theory, eq. 3.3).
 WEIGHT_LIMITS = (0.2, 5.0)
+
+#: Joint correction (theory, eq. 3.9): the weight of a change of the bonds against errors of the moments, and when the
+#: conjugate gradients for its multipliers end. From 0.01 to 0.03 the strains of a patch are equally right.
+JOINT_DAMPING, JOINT_TOLERANCE, JOINT_ITERATIONS = 0.02, 1e-3, 300
+#: Depth below a surface, in horizons, from which a family counts as whole: the cap cut off beyond is 2 % of its disc.
+WHOLE_FROM = 0.9
+
+
+@dataclass(frozen=True)
+class Grading:
+    """What a horizon that varies from node to node adds (theory, eq. 3.6).
+
+    Attributes
+    ----------
+    horizons
+        Horizon of each node, m (n,).
+    depth
+        Distance of each node from the nearest surface, m (n,).
+    """
+
+    horizons: np.ndarray
+    depth: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -97,9 +120,12 @@ class Bonds:
     cut
         True where a pre-crack separates the two ends (b,).
     horizon
-        m.
+        m; where it varies, the reference one that the constants of the bond model belong to.
     lattice
         The same bonds by offset if the nodes form a regular grid, else None.
+    horizons, fineness
+        Where the horizon varies: that of each node, m (n,), and the reference horizon over that of the bond (b,)
+        (theory, eq. 3.7). None where it does not.
     """
 
     offsets: np.ndarray
@@ -112,6 +138,8 @@ class Bonds:
     cut: np.ndarray
     horizon: float
     lattice: Lattice | None = None
+    horizons: np.ndarray | None = None
+    fineness: np.ndarray | None = None
 
     @property
     def node_count(self) -> int:
@@ -135,7 +163,7 @@ def _row_sums(values: np.ndarray, offsets: np.ndarray) -> np.ndarray:
     return sums
 
 
-def partial_volume(length: np.ndarray, horizon: float, spacing: np.ndarray, rule: str) -> np.ndarray:
+def partial_volume(length: np.ndarray, horizon: float | np.ndarray, spacing: np.ndarray, rule: str) -> np.ndarray:
     """Share of the neighbour's volume that lies inside the horizon, per bond.
 
     ``full`` counts every node within the horizon whole; ``ramp`` falls linearly from 1 to 0 while the node's centre
@@ -146,6 +174,44 @@ def partial_volume(length: np.ndarray, horizon: float, spacing: np.ndarray, rule
         return np.where(length <= horizon * (1 + 1e-9), 1.0, 0.0)
     ramp = np.clip((horizon + 0.5 * spacing - length) / spacing, 0.0, 1.0)
     return ramp if rule == "ramp" else np.where(length <= horizon * (1 + 1e-9), ramp, 0.0)
+
+
+def two_sided_volume(
+    length: np.ndarray,
+    ends: tuple[np.ndarray, np.ndarray],
+    reference: float,
+    spacing: np.ndarray,
+    rule: str,
+    power: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Share of the neighbour's volume where each end has a horizon of its own (theory, eqs. 3.6 and 3.7).
+
+    Parameters
+    ----------
+    length, spacing
+        Length of the bonds and mean spacing of their two cells, m (b,).
+    ends
+        Horizon of either end, m (b,) each; their order does not matter.
+    reference
+        Horizon for which the constants of the bonds are made, m.
+    rule
+        As in :func:`partial_volume`, applied at either end to its own horizon.
+    power
+        The constants go with the horizon to minus this.
+
+    Returns
+    -------
+    share, fineness
+        Both (b,): the mean of what the two ends see, scaled by ``(reference / horizon)^power`` of the end, and the mean
+        of ``reference / horizon`` of the ends with these as weights.
+    """
+    share, fineness = np.zeros_like(length), np.zeros_like(length)
+    for horizon in ends:
+        ratio = reference / horizon
+        seen = 0.5 * partial_volume(length, horizon, spacing, rule) * ratio**power
+        share += seen
+        fineness += seen * ratio
+    return share, np.divide(fineness, share, out=np.ones_like(share), where=share > 0.0)
 
 
 def build_bonds(
@@ -159,6 +225,7 @@ def build_bonds(
     surface: str = "moment matched",
     tangential_ratio: float = 0.0,
     cracks: Sequence[tuple[tuple[float, float], tuple[float, float]]] = (),
+    grading: Grading | None = None,
 ) -> Bonds:
     """Build the bonds of a set of nodes.
 
@@ -177,13 +244,16 @@ def build_bonds(
         Tangential over normal bond stiffness; only the ``energy`` correction uses it.
     cracks
         Pre-cracks as segments ``((x0, y0), (x1, y1))``, m.
+    grading
+        Where the horizon varies; ``horizon`` is then the reference one, which the constants of the bonds belong to.
 
     Raises
     ------
     PdheError
         If two nodes coincide.
     """
-    reach = horizon + (0.5 * spacing if partial == "ramp" else 0.0 * spacing)
+    horizons = None if grading is None else grading.horizons
+    reach = (horizon if horizons is None else horizons) + (0.5 * spacing if partial == "ramp" else 0.0 * spacing)
     offsets, neighbours = find_families(coordinates, reach * (1 + 1e-9))
     owner = np.repeat(np.arange(offsets.size - 1, dtype=np.int32), np.diff(offsets))
     length, nx, ny = np.empty((3, neighbours.size))
@@ -191,17 +261,28 @@ def build_bonds(
     if length.size and length.min() <= 1e-9 * horizon:
         k = int(length.argmin())
         raise PdheError(f"nodes {owner[k]} and {neighbours[k]} coincide at {coordinates[owner[k]].tolist()} m")
-    share = partial_volume(length, horizon, 0.5 * (spacing[owner] + spacing[neighbours]), partial)
+    size, fineness = 0.5 * (spacing[owner] + spacing[neighbours]), None
+    if horizons is None:
+        share = partial_volume(length, horizon, size, partial)
+    else:
+        ends = horizons[owner], horizons[neighbours]
+        share, fineness = two_sided_volume(length, ends, horizon, size, partial, 3)
     kept = share > 0.0
     if not kept.all():
         count = np.bincount(owner[kept], minlength=offsets.size - 1)
         offsets = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
         owner, neighbours = owner[kept], neighbours[kept]
         length, nx, ny, share = length[kept], nx[kept], ny[kept], share[kept]
+        fineness = None if fineness is None else fineness[kept]
     reverse = np.empty(neighbours.size, np.int32)
     reverse_bonds(offsets, neighbours, reverse)
     volumes = share * volume[neighbours]  # seen from the owner
-    if surface == "moment matched":
+    if surface == "moment matched" and grading is not None:
+        strength = volumes * volume[owner] * length
+        correction = joint_correction(
+            offsets, neighbours, length, nx, ny, strength, volume, grading, horizon, thickness
+        )
+    elif surface == "moment matched":
         correction = moment_correction(offsets, length, nx, ny, volumes, horizon, thickness)
     elif surface == "volume":
         correction = volume_correction(offsets, owner, neighbours, volumes, horizon, thickness)
@@ -215,7 +296,9 @@ def build_bonds(
     weight = share * correction * volume[owner] * volume[neighbours]
     cut = _cut_bonds(coordinates, owner, neighbours, cracks, float(length.max(initial=0.0)))
     lattice = find_lattice(offsets, neighbours, owner, length, nx, ny)
-    return Bonds(offsets, neighbours, reverse, length, nx, ny, weight, cut, horizon, lattice)
+    return Bonds(
+        offsets, neighbours, reverse, length, nx, ny, weight, cut, horizon, lattice, horizons, fineness
+    )  # fmt: skip
 
 
 def moment_correction(offsets, length, nx, ny, volumes, horizon, thickness, order: int = 4) -> np.ndarray:
@@ -239,6 +322,56 @@ def moment_correction(offsets, length, nx, ny, volumes, horizon, thickness, orde
         multiplier[poor] = np.einsum("nab,nb->na", inverse, multiplier[poor])
     moments.apply_multipliers(offsets, nx, ny, multiplier, correction)
     return correction
+
+
+def joint_correction(
+    offsets, neighbours, length, nx, ny, strength, volume, grading, reference, thickness
+) -> np.ndarray:
+    """Weights that give all nodes the moments of a full neighbourhood at once, and no force in a uniform strain.
+
+    What is matched at each node and then averaged over both ends is matched at neither where nodes are irregular. Here
+    the two ends share one correction, the least that comes close to the five even moments at every node and to four odd
+    ones of zero at those whose family is whole (theory, eqs. 3.8 and 3.9). Conjugate gradients find the multipliers.
+
+    Parameters
+    ----------
+    strength
+        ``beta V_i V_j r``, m^7 (b,), symmetric.
+    reference
+        Horizon that the even moments belong to, m.
+    """
+    count = volume.size
+    whole = grading.depth >= WHOLE_FROM * grading.horizons
+    full = thickness * 2.0 * np.pi * reference**3 / 3.0
+    # Rows of the constraints in units of the full moment; the square root makes every node count by its volume.
+    row = np.empty((count, 9))
+    row[:, :5] = (1.0 / (np.sqrt(volume) * full))[:, None]
+    row[:, 5:] = row[:, :1] * (0.5 * grading.horizons * whole)[:, None]
+    correction, sums = np.empty(length.size), np.empty((count, 9))
+
+    def spread(y: np.ndarray) -> np.ndarray:
+        moments.joint_correction(offsets, neighbours, length, nx, ny, y * row * full, correction)
+        return correction
+
+    def gathered(values: np.ndarray) -> np.ndarray:
+        moments.joint_moments(offsets, length, nx, ny, strength, values, sums)
+        return sums * row
+
+    target = np.zeros((count, 9))
+    target[:, :5] = full * np.array([3 / 8, 0.0, 1 / 8, 0.0, 3 / 8]) * volume[:, None]
+    residual = target * row - gathered(np.ones(length.size))
+    y, direction = np.zeros((count, 9)), residual.copy()
+    square = first = dot(residual, residual)
+    for _ in range(JOINT_ITERATIONS):
+        if square <= JOINT_TOLERANCE**2 * first:
+            break
+        change = gathered(spread(direction)) + JOINT_DAMPING**2 * direction
+        step = square / dot(direction, change)
+        y += step * direction
+        residual -= step * change
+        square, previous = dot(residual, residual), square
+        direction = residual + (square / previous) * direction
+    return 1.0 + spread(y)
 
 
 def volume_correction(offsets, owner, neighbours, volumes, horizon, thickness) -> np.ndarray:

@@ -6,15 +6,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pdhe.bonds import Bonds, build_bonds
+from pdhe.bonds import Bonds, Grading, build_bonds
 from pdhe.boundary import DisplacementConditions, Prescribed
-from pdhe.damage import FailureRule, critical_stretch, crossing_sum
+from pdhe.damage import FailureRule, critical_stretch, crossing_sum, stretch_factors
 from pdhe.discretization import Discretization
 from pdhe.embrittlement import LAWS, resistance
 from pdhe.errors import SceneError
 from pdhe.materials import MODELS, Body
 from pdhe.relaxation import DynamicRelaxation
 from pdhe.scene import Scene
+from pdhe.sizing import SizeField
 from pdhe.solvers import Equilibrium
 from pdhe.stability import NEGATIVE, least_eigenvalue
 from pdhe.transport import Diffusion, Edge, build_diffusion
@@ -81,6 +82,7 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
         surface=scene.mechanics.weights if scene.loads is not None else "none",
         tangential_ratio=model.tangential_ratio,
         cracks=[(crack.start, crack.end) for crack in scene.geometry.cracks],
+        grading=_grading(scene, d),
     )  # fmt: skip
     if bonds.length.size == 0:
         raise SceneError("scene", "horizon", scene.horizon_length, "no two nodes lie within the horizon", "raise it")
@@ -121,6 +123,14 @@ def _require_positive_stiffness(scene: Scene, body: Body, free: np.ndarray) -> N
         )  # fmt: skip
 
 
+def _grading(scene: Scene, d: Discretization) -> Grading | None:
+    """The horizon of every node where the mesh is graded: a multiple of the spacing wanted there."""
+    if not scene.mesh.refine:
+        return None
+    size = SizeField(scene.geometry, scene.mesh)
+    return Grading(scene.horizon.ratio * size(d.coordinates), size.depth(d.coordinates))
+
+
 def _require_node_sets(scene: Scene, d: Discretization) -> None:
     wanted = [("loads", load.on) for load in scene.loads or ()]
     if scene.hydrogen is not None:
@@ -153,7 +163,8 @@ def _failure_rule(scene: Scene, d: Discretization, bonds: Bonds, model) -> Failu
 
     crossing = crossing_sum(bonds, d.volume)
     critical = critical_stretch(model, crossing, scene.material.toughness, settings.calibration)
-    return FailureRule(critical, crossing, settings.criterion == "energy", weakened, may_fail)
+    rule = FailureRule(critical, crossing, settings.criterion == "energy", weakened, may_fail)
+    return rule if bonds.fineness is None else replace(rule, **stretch_factors(bonds))
 
 
 def _diffusion(scene: Scene, d: Discretization, bonds: Bonds, partial: str) -> Diffusion:

@@ -16,7 +16,8 @@ def crossing_sum(bonds: Bonds, volume: np.ndarray) -> float:
 
     A bond of length r crosses a unit length of a crack with normal n with the mean frequency ``|xi . n|``. On a lattice
     the sum depends on the crack's orientation by some per cent; it is taken for the weakest one, which is where cracks
-    run. Only nodes whose family is whole enter (all of them where none is).
+    run. Only nodes whose family is whole enter (all of them where none is). Where the horizon varies, every bond counts
+    with its fineness, which makes the sum that of the reference horizon (theory, eq. 5.11).
     """
     size = np.diff(bonds.offsets)
     interior = size >= 0.95 * np.median(size)
@@ -24,7 +25,10 @@ def crossing_sum(bonds: Bonds, volume: np.ndarray) -> float:
     angle = np.arctan2(bonds.ny[inside], bonds.nx[inside]) % np.pi
     sectors = 3600
     sector = np.rint(angle * (sectors / np.pi)).astype(np.int64) % sectors
-    by_direction = np.bincount(sector, (bonds.weight * bonds.length**2)[inside], sectors)
+    weight = bonds.weight * bonds.length**2
+    if bonds.fineness is not None:
+        weight *= bonds.fineness
+    by_direction = np.bincount(sector, weight[inside], sectors)
     direction = np.pi / sectors * np.arange(sectors)
     normals = np.pi / 180.0 * np.arange(180)
     across = np.abs(np.cos(direction[None, :] - normals[:, None])) @ by_direction
@@ -43,6 +47,14 @@ def critical_stretch(model: CondensedRotation, crossing: float, toughness: float
     return float(np.sqrt(2.0 * toughness / (model.normal * crossing)))
 
 
+def stretch_factors(bonds: Bonds) -> dict[str, np.ndarray]:
+    """``factor`` and ``least_factor`` of a :class:`FailureRule` where the horizon varies (theory, eq. 5.11)."""
+    factor = np.sqrt(bonds.fineness)
+    least, some = np.ones(bonds.node_count), np.diff(bonds.offsets) > 0
+    least[some] = np.minimum.reduceat(factor, bonds.offsets[:-1][some])
+    return {"factor": factor, "least_factor": least}
+
+
 @dataclass(frozen=True)
 class FailureRule:
     """What decides on failure: a bond breaks once its load reaches its resistance.
@@ -50,7 +62,7 @@ class FailureRule:
     Attributes
     ----------
     critical
-        Dry critical stretch.
+        Dry critical stretch; where the horizon varies, that of the reference horizon.
     crossing
         What :func:`crossing_sum` gives for these bonds, m^5.
     by_energy
@@ -60,6 +72,11 @@ class FailureRule:
     may_fail
         Directed bonds that are allowed to break, bool (b,); each undirected bond is marked once, seen from the lower
         node.
+    factor
+        Where the horizon varies: what ``critical`` is to be multiplied with for each directed bond (b,) (theory, eq.
+        5.11). None where it does not.
+    least_factor
+        The smallest factor in the family of each node (n,), or None.
     """
 
     critical: float
@@ -67,17 +84,36 @@ class FailureRule:
     by_energy: bool
     resistance: Callable[[np.ndarray], np.ndarray] | None
     may_fail: np.ndarray
+    factor: np.ndarray | None = None
+    least_factor: np.ndarray | None = None
 
     @property
     def weakest(self) -> float:
-        """The smallest critical stretch that any coverage can lead to."""
+        """The smallest critical stretch that any coverage can lead to, at the reference horizon."""
         return self.critical * (1.0 if self.resistance is None else float(self.resistance(np.ones(1))[0]))
 
-    def resistance_at(self, psi: np.ndarray | None) -> np.ndarray | float:
-        """Critical stretch at some coverages; the dry one if they are None or do not matter."""
+    def resistance_at(self, psi: np.ndarray | None, bond: np.ndarray | None = None) -> np.ndarray | float:
+        """Critical stretch of some directed bonds at their coverages; the dry one if they are None or do not matter.
+
+        Without ``bond`` it is that of the reference horizon.
+        """
+        critical = self.critical if bond is None or self.factor is None else self.critical * self.factor[bond]
         if psi is None or self.resistance is None:
-            return self.critical
-        return self.critical * self.resistance(psi)
+            return critical
+        return critical * self.resistance(psi)
+
+    def weakest_of(self, bond: np.ndarray) -> np.ndarray | float:
+        """The smallest critical stretch that any coverage can lead to, of some directed bonds."""
+        return self.weakest if self.factor is None else self.weakest * self.factor[bond]
+
+    def least(self, critical: np.ndarray | float, nodes: int) -> np.ndarray:
+        """For each node the critical stretch, of the reference horizon, as its weakest bond has it (n,).
+
+        A bond has at least the lesser one of its two ends, since the resistance falls with coverage.
+        """
+        least = np.empty(nodes)
+        least[:] = critical
+        return least if self.least_factor is None else least * self.least_factor
 
 
 class Candidates:
@@ -95,8 +131,7 @@ class Candidates:
         self.ratio_of_moduli = body.tangential / body.normal
         self.moving = u1 is not u0
         breakable = rule.may_fail & body.intact
-        least = np.empty(body.bonds.node_count)
-        least[:] = rule.weakest if psi is None else rule.resistance_at(psi)
+        least = rule.least(rule.weakest if psi is None else rule.resistance_at(psi), body.bonds.node_count)
         top, theta0 = body.largest_ratios(u0, rule.by_energy, breakable, least)
         theta1 = theta0
         if self.moving:
@@ -144,7 +179,7 @@ class Candidates:
 
     def ratio_at(self, fraction: float, psi: np.ndarray | None, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
         """The same for some candidates, given the coverage of each of them, (k,)."""
-        return self.load(fraction)[rows] / self.rule.resistance_at(psi)
+        return self.load(fraction)[rows] / self.rule.resistance_at(psi, self.bond[rows])
 
 
 def nearest_failure(body: Body, rule: FailureRule, u: np.ndarray, psi: np.ndarray | None) -> float:
@@ -154,8 +189,7 @@ def nearest_failure(body: Body, rule: FailureRule, u: np.ndarray, psi: np.ndarra
     leaves over is looked at bond by bond.
     """
     breakable = rule.may_fail & body.intact
-    least = np.empty(body.bonds.node_count)
-    least[:] = rule.resistance_at(psi)
+    least = rule.least(rule.resistance_at(psi), body.bonds.node_count)
     bound, theta = body.largest_ratios(u, rule.by_energy, breakable, least)
     largest, top = 0.0, float(bound.max(initial=0.0))
     # The node with the highest bound first; then all whose bound exceeds what it has.
@@ -168,7 +202,7 @@ def nearest_failure(body: Body, rule: FailureRule, u: np.ndarray, psi: np.ndarra
                 body.bond_parts(u, bond, i, theta), body.share[i], body.share[j], body.tangential / body.normal
             )
             load = _load(stretch, square, rule.by_energy)
-            critical = rule.resistance_at(None if psi is None else 0.5 * (psi[i] + psi[j]))
+            critical = rule.resistance_at(None if psi is None else 0.5 * (psi[i] + psi[j]), bond)
             largest = max(largest, float((load / critical).max()))
     return largest
 

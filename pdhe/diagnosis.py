@@ -105,29 +105,30 @@ def nearest_to_failure(result: xr.Dataset, case: Case) -> Nearest | None:
     if "coverage" in result:
         coverage = result["coverage"].values[-1].astype(float)
         psi = 0.5 * (coverage[owner] + coverage[neighbour])
-    ratio = load / rule.resistance_at(psi)
+    every = np.arange(load.size)
+    ratio = load / rule.resistance_at(psi, every)
     k = int(ratio.argmax())
     if ratio[k] <= 0.0:
         return None
     i, j = int(owner[k]), int(neighbour[k])
     needed = None
-    if psi is not None and load[k] >= rule.weakest:
+    if psi is not None and load[k] >= np.ravel(rule.weakest_of(every[k : k + 1]))[0]:
         low, needed = 0.0, 1.0
         for _ in range(50):
             half = 0.5 * (low + needed)
-            enough = float(rule.resistance_at(np.array([half]))[0]) <= load[k]
+            enough = float(rule.resistance_at(np.array([half]), every[k : k + 1])[0]) <= load[k]
             low, needed = (low, half) if enough else (half, needed)
     return Nearest(
         i,
         j,
         0.5 * (case.discretization.coordinates[i] + case.discretization.coordinates[j]),
         float(load[k]),
-        rule.critical,
+        float(np.ravel(rule.resistance_at(None, every[k : k + 1]))[0]),
         float(load[k] / ratio[k]),
         float(ratio[k]),
         None if psi is None else float(psi[k]),
         needed,
-        float(load.max() / rule.weakest),
+        float((load / rule.weakest_of(every)).max()),
     )
 
 

@@ -22,6 +22,7 @@ import numpy as np
 from pdhe.errors import PdheError
 from pdhe.mesh import ALL, CRACK_PREFIX, EDGES, PLATE
 from pdhe.netcdf import Variable, read_netcdf, write_netcdf
+from pdhe.sizing import SizeField
 
 if TYPE_CHECKING:
     from pdhe.scene import Crack, Geometry, Mesh
@@ -110,9 +111,11 @@ def discretize(mesh_path: str | os.PathLike[str], geometry: Geometry, mesh_spec:
     if regular:
         area = np.full(len(area), area.mean())
     spacing = np.sqrt(area)
-    if spacing.max() > COARSEST * mesh_spec.spacing:
+    wanted = SizeField(geometry, mesh_spec)(coordinates) if mesh_spec.refine else np.array([mesh_spec.spacing])
+    coarsest = int(np.argmax(spacing / wanted))
+    if spacing[coarsest] > COARSEST * (asked := wanted[coarsest % wanted.size]):
         raise PdheError(
-            f"{path}: the largest cell is {spacing.max():.3g} m wide where {mesh_spec.spacing:g} m were asked for: "
+            f"{path}: the largest cell is {spacing[coarsest]:.3g} m wide where {asked:g} m were asked for: "
             "cracks, holes or edges that nearly touch use up the cells; move them apart or together, or use a "
             "smaller mesh.spacing"
         )

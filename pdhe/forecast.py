@@ -67,9 +67,12 @@ class Forecast:
 
 
 def pilot_scene(scene: Scene, nodes: int) -> Scene | None:
-    """The scene on a mesh of about :data:`PILOT_NODES` nodes; None where that is no coarser or cannot be meshed."""
+    """The scene on a mesh of about :data:`PILOT_NODES` nodes; None where that is no coarser or cannot be meshed.
+
+    None for graded meshes as well: coarser ones would not keep the ratio of fine to coarse parts.
+    """
     coarsening = math.sqrt(nodes / PILOT_NODES)
-    if coarsening < LEAST_COARSENING:
+    if coarsening < LEAST_COARSENING or scene.mesh.refine:
         return None
     content = scene.resolved()
     content["mesh"]["spacing"] = scene.mesh.spacing * coarsening

@@ -94,8 +94,8 @@ class Body:
         self._spin = np.zeros((n, 2))
         self._phi = np.zeros(n)
         self._refresh(np.arange(n, dtype=np.int32))
-        #: Sum of ``beta lambda V_i V_j r`` over the broken bonds, each once, m^7.
-        self.broken_weight = 0.5 * float(np.sum((bonds.weight * bonds.length)[bonds.cut]))
+        #: Sum of ``beta lambda V_i V_j r`` over the broken bonds, each once, m^7, times their fineness if that differs.
+        self.broken_weight = self._weight_of(np.flatnonzero(bonds.cut))
 
     def _refresh(self, nodes: np.ndarray) -> None:
         """Bring what depends on the broken bonds of some nodes up to date."""
@@ -105,6 +105,12 @@ class Body:
         mechanics.damage(nodes, b.offsets, b.neighbours, self.volume, self.intact, self._phi)
         if self.tangential < 0.0:
             self.share[nodes] = np.maximum(0.0, 1.0 - self._phi[nodes] / TANGENTIAL_FADE)
+
+    def _weight_of(self, bond: np.ndarray) -> float:
+        weight = self.bonds.weight[bond] * self.bonds.length[bond]
+        if self.bonds.fineness is not None:
+            weight *= self.bonds.fineness[bond]
+        return 0.5 * float(np.sum(weight))
 
     def break_bonds(self, directed: np.ndarray) -> None:
         """Break bonds for good, from both ends.
@@ -118,7 +124,7 @@ class Body:
         directed = directed[self.intact[directed]]
         self.broken.append(directed)
         both = np.unique(np.concatenate([directed, self.bonds.reverse[directed]]))
-        self.broken_weight += 0.5 * float(np.sum(self.bonds.weight[both] * self.bonds.length[both]))
+        self.broken_weight += self._weight_of(both)
         self.intact[both] = False
         self.cubed[both] = 0.0
         if self._by_offset is not None:

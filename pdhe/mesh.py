@@ -22,8 +22,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from pdhe.errors import PdheError
 from pdhe.scene_checks import square_cells
+from pdhe.sizing import SizeField
 
 if TYPE_CHECKING:
     from pdhe.scene import Geometry, Mesh
@@ -77,7 +80,10 @@ def make_mesh(geometry: Geometry, mesh_spec: Mesh, path: str | os.PathLike[str])
                 gmsh.model.mesh.generate(2)
             else:
                 _unstructured(gmsh, geometry, mesh_spec)
-                _generate_to_size(gmsh, EDGE_OVER_SPACING[mesh_spec.cells])
+                if mesh_spec.refine:
+                    _generate_to_field(gmsh, SizeField(geometry, mesh_spec), mesh_spec.spacing)
+                else:
+                    _generate_to_size(gmsh, EDGE_OVER_SPACING[mesh_spec.cells])
             gmsh.write(str(temporary))
         temporary.replace(path)
     finally:
@@ -233,6 +239,36 @@ def _generate_to_size(gmsh: Any, edge: float) -> None:
         gmsh.model.mesh.generate(2)
         area = sum(gmsh.model.occ.getMass(2, tag) for _, tag in gmsh.model.getEntities(2))
         mean = area / sum(len(tags) for tags in gmsh.model.mesh.getElements(2)[1])
+        if abs(mean - 1.0) <= AREA_TOLERANCE:
+            break
+        edge /= mean**0.5
+
+
+def _generate_to_field(gmsh: Any, size: SizeField, unit: float) -> None:
+    """Mesh with triangles whose area is the square of the spacing wanted at their centroid, on average over them.
+
+    Sizes come from the field alone: gmsh neither carries those of the boundary into the inside nor adds to them.
+    """
+    for option in ("Mesh.MeshSizeExtendFromBoundary", "Mesh.MeshSizeFromPoints", "Mesh.MeshSizeFromCurvature"):
+        gmsh.option.setNumber(option, 0)
+    edge = EDGE_OVER_SPACING["triangle"]
+    for _ in range(ATTEMPTS):
+        gmsh.model.mesh.clear()
+        gmsh.model.mesh.setSizeCallback(
+            lambda dim, tag, x, y, z, lc, edge=edge: edge * size.at(x * unit, y * unit) / unit
+        )
+        gmsh.model.mesh.generate(2)
+        wanted = cells = 0.0
+        tags, places, _ = gmsh.model.mesh.getNodes()
+        vertex = np.zeros((int(tags.max()) + 1, 2))
+        vertex[tags] = places.reshape(-1, 3)[:, :2]
+        for corners in gmsh.model.mesh.getElements(2)[2]:
+            triangles = vertex[corners.reshape(-1, 3)]
+            a, b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+            area = 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+            wanted += float(np.sum(area / (size(triangles.mean(axis=1) * unit) / unit) ** 2))
+            cells += len(area)
+        mean = wanted / cells
         if abs(mean - 1.0) <= AREA_TOLERANCE:
             break
         edge /= mean**0.5

@@ -29,7 +29,7 @@ def make_plan(case: Case, pilot: Pilot | None = None) -> str:
     scene, d = case.scene, case.discretization
     lines = [
         f"scene: {scene.title}",
-        f"nodes: {d.volume.size}, spacing {np.median(d.spacing):.6g} m, horizon {case.bonds.horizon:.6g} m, "
+        f"nodes: {d.volume.size}, {_lengths(case)}, "
         f"bonds: {case.bonds.length.size // 2}, bond memory {_bond_bytes(case) / 1e6:.1f} MB",
         _mechanics(case),
         _damage(case),
@@ -61,6 +61,8 @@ def warnings(case: Case, pilot: Pilot | None = None) -> list[str]:
     scene, found = case.scene, []
     horizon, spacing = case.bonds.horizon, float(np.median(case.discretization.spacing))
     for crack in scene.geometry.cracks:
+        if case.bonds.horizons is not None:
+            horizon = float(case.bonds.horizons[case.discretization.node_sets[crack.name]].min())
         length = float(np.hypot(*np.subtract(crack.end, crack.start)))
         if case.body is not None and length < SHORT_CRACK * horizon:
             found.append(
@@ -83,14 +85,29 @@ def warnings(case: Case, pilot: Pilot | None = None) -> list[str]:
     return found
 
 
+def _lengths(case: Case) -> str:
+    local = case.bonds.horizons
+    if local is None:
+        return f"spacing {np.median(case.discretization.spacing):.6g} m, horizon {case.bonds.horizon:.6g} m"
+    ratio = case.scene.horizon.ratio
+    return (
+        f"graded spacing {local.min() / ratio:.6g} to {local.max() / ratio:.6g} m, "
+        f"horizon {local.min():.6g} to {local.max():.6g} m"
+    )
+
+
 def _bond_bytes(case: Case) -> int:
     arrays = [getattr(case.bonds, name) for name in ("neighbours", "reverse", "length", "nx", "ny", "weight", "cut")]
+    if case.bonds.fineness is not None:
+        arrays += [case.bonds.fineness, case.bonds.horizons]
     if case.body is not None:
         arrays += [case.body.cubed, case.body.intact]
     if case.diffusion is not None:
         arrays.append(case.diffusion.rate)
     if case.rule is not None:
         arrays.append(case.rule.may_fail)
+        if case.rule.factor is not None:
+            arrays += [case.rule.factor, case.rule.least_factor]
     return sum(a.nbytes for a in arrays)
 
 
@@ -111,7 +128,7 @@ def _damage(case: Case) -> str:
     rule = case.rule
     return (
         f"damage: on, criterion {'energy' if rule.by_energy else 'stretch'}, critical stretch {rule.critical:.6g} dry, "
-        f"{rule.weakest:.6g} saturated"
+        f"{rule.weakest:.6g} saturated" + ("" if rule.factor is None else ", at the largest horizon")
     )
 
 

@@ -66,11 +66,60 @@ class Geometry(Block):
         return self.plate.thickness
 
 
+class Refinement(Block):
+    """Where the mesh is finer: spacing (m) within a distance (m) of a hole, a crack or a line."""
+
+    around: fields.Name | None = None
+    start: fields.Point | None = Field(default=None, alias="from")
+    end: fields.Point | None = Field(default=None, alias="to")
+    spacing: fields.PositiveLength
+    within: fields.PositiveLength
+
+    @model_validator(mode="after")
+    def _one_place(self) -> "Refinement":
+        if (self.around is None) != (self.start is not None and self.end is not None) or (
+            (self.start is None) != (self.end is None)
+        ):
+            raise problem(
+                "needs either `around` or both `from` and `to`", "for example `{around: notch, spacing: 1 mm, ...}`"
+            )
+        return self
+
+
 class Mesh(Block):
-    """Spacing (m) and shape of the cells whose centroids are the nodes."""
+    """Spacing (m) and shape of the cells whose centroids are the nodes, and where they are finer.
+
+    ``growth`` is by how much the spacing may grow per length away from what is refined.
+    """
 
     spacing: fields.PositiveLength
     cells: Annotated[str, choice("quadrilateral", "triangle")] = "quadrilateral"
+    refine: Annotated[tuple[Refinement, ...], BeforeValidator(fields.as_list)] | None = None
+    growth: fields.Growth | None = None
+
+    @model_validator(mode="after")
+    def _graded(self) -> "Mesh":
+        if self.growth is not None and not self.refine:
+            raise problem("has nothing to grow away from", "add `refine`, or leave `growth` out", "growth")
+        if self.refine is not None and not self.refine:
+            raise problem("is an empty list", "add a refinement, or leave `refine` out", "refine")
+        if self.refine and self.cells != "triangle":
+            raise problem("needs triangles", "add `cells: triangle`: a lattice has one spacing", "refine")
+        for k, item in enumerate(self.refine or ()):
+            if item.spacing > self.spacing:
+                text = f"is coarser than the rest of the plate, {1e3 * self.spacing:g} mm"
+                raise problem(text, "`mesh.spacing` is the coarsest spacing", f"refine.{k}.spacing")
+        return self
+
+    @property
+    def growth_rate(self) -> float:
+        """Growth of the spacing per length, as given or 0.15."""
+        return 0.15 if self.growth is None else self.growth
+
+    @property
+    def finest(self) -> float:
+        """The smallest spacing anywhere (m)."""
+        return min([self.spacing, *(item.spacing for item in self.refine or ())])
 
 
 class Horizon(Block):

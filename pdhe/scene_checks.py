@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from pdhe.scene import Scene
     from pdhe.scene_blocks import Crack, Hole
     from pdhe.scene_history import PiecewiseLinear
+    from pdhe.sizing import SizeField
 
 MAX_NODES = 5_000_000
 """Most nodes of one scene."""
@@ -25,6 +26,10 @@ LEAST_POISSON = -0.9
 """Least Poisson's ratio: towards -1 shear takes all the stiffness, and equilibria take ever more iterations."""
 SHARING_DISTANCE = 1.5
 """Distance in spacings from which two lines cannot share a node: either set reaches at most 0.75 spacings."""
+MAX_HORIZON_GROWTH = 1.0
+"""Largest growth of the horizon per length: from 1 on, a bond could be longer than what either end sees (theory)."""
+GRADED_WEIGHTS = ("moment matched", "none")
+"""Surface corrections that know horizons that vary."""
 RESERVED = ("left", "right", "bottom", "top", "all")
 """Node set names that every plate has."""
 
@@ -73,11 +78,15 @@ def _check_mesh(scene: "Scene") -> None:
         wrong = square_cells(width, height, spacing)[2]
         if wrong:
             raise problem(wrong, "or use `cells: triangle`", "mesh.spacing")
-    nodes = (width / spacing) * (height / spacing)
+    size = _check_refinement(scene)
+    nodes = (width / spacing) * (height / spacing) if size is None else size.cells()
     if nodes > MAX_NODES:
         least = math.sqrt(width * height / MAX_NODES)
         text = f"gives about {nodes:.3g} nodes, more than {MAX_NODES:.0e}"
-        raise problem(text, f"use at least {_mm(float(f'{1.01 * least:.3g}'))}", "mesh.spacing")
+        hint = f"use at least {_mm(float(f'{1.01 * least:.3g}'))}"
+        if size is not None:
+            raise problem(text, "use a coarser spacing or a smaller `within`", "mesh.refine")
+        raise problem(text, hint, "mesh.spacing")
     key = "horizon.ratio" if scene.horizon.ratio is not None else "horizon.length"
     structured = scene.mesh.cells == "quadrilateral" and not scene.geometry.holes
     if structured and scene.loads is not None:
@@ -93,6 +102,46 @@ def _check_mesh(scene: "Scene") -> None:
     if scene.horizon_length >= min(width, height):
         text = f"is a horizon of {_mm(scene.horizon_length)}, not smaller than the plate, {_mm(width, height)}"
         raise problem(text, "use a smaller horizon or a finer spacing", key)
+
+
+def _check_refinement(scene: "Scene") -> "SizeField | None":
+    """Check what a graded mesh asks for; return its spacing as a function of place, None for a uniform one."""
+    mesh, (width, height) = scene.mesh, (scene.geometry.width, scene.geometry.height)
+    if not mesh.refine:
+        return None
+    from pdhe.sizing import SizeField  # here: reading a scene without refinement does without numpy
+
+    known = [item.name for _, item in _named(scene)]
+    slack = 1e-9 * max(width, height)
+    for k, item in enumerate(mesh.refine):
+        key = f"mesh.refine.{k}"
+        if item.around is not None and item.around not in known:
+            listed = ", ".join(f"`{name}`" for name in known) or "none in this scene"
+            raise problem("is not a hole or a crack", f"names: {listed}; or give `from` and `to`", f"{key}.around")
+        for end, point in (("from", item.start), ("to", item.end)):
+            x, y = point or (0.0, 0.0)
+            if not (-slack <= x <= width + slack and -slack <= y <= height + slack):
+                raise problem("is outside the plate", f"the plate is {_mm(width, height)} from (0, 0)", f"{key}.{end}")
+    if scene.horizon.ratio is None:
+        text = "is one horizon for all nodes, but `mesh.refine` makes their spacings differ"
+        raise problem(text, "give `ratio`: the horizon then goes with the spacing", "horizon.length")
+    if scene.horizon.ratio * mesh.growth_rate >= MAX_HORIZON_GROWTH:
+        text = f"lets the horizon grow by {scene.horizon.ratio * mesh.growth_rate:.3g} of a length along that length"
+        most = float(f"{0.999 * MAX_HORIZON_GROWTH / scene.horizon.ratio:.2g}")
+        raise problem(text, f"use at most {most:g} with this horizon ratio", "mesh.growth")
+    if scene.mechanics.weights not in GRADED_WEIGHTS:
+        listed = " or ".join(f"`{name}`" for name in GRADED_WEIGHTS)
+        raise problem("is made for one horizon, but `mesh.refine` makes it vary", f"use {listed}", "mechanics.weights")
+    return SizeField(scene.geometry, mesh)
+
+
+def _local_spacing(scene: "Scene", *points: tuple[float, float]) -> float:
+    """The smallest spacing at some places, m."""
+    if not scene.mesh.refine:
+        return scene.mesh.spacing
+    from pdhe.sizing import SizeField
+
+    return min(SizeField(scene.geometry, scene.mesh).at(*point) for point in points)
 
 
 def _named(scene: "Scene") -> "list[tuple[str, Hole | Crack]]":
@@ -119,8 +168,9 @@ def _check_holes(scene: "Scene") -> None:
         key, (x, y) = f"geometry.holes.{k}", hole.centre
         if not (0.0 <= x <= width and 0.0 <= y <= height):
             raise problem("is outside the plate", f"the plate is {_mm(width, height)} from (0, 0)", f"{key}.centre")
-        if hole.radius < scene.mesh.spacing:
-            hint = f"use a radius of at least one spacing, {_mm(scene.mesh.spacing)}"
+        spacing = _local_spacing(scene, (x + hole.radius, y), (x - hole.radius, y), (x, y + hole.radius))
+        if hole.radius < spacing:
+            hint = f"use a radius of at least one spacing, {_mm(spacing)}"
             raise problem("is smaller than the spacing and cannot be meshed", hint, f"{key}.radius")
         room = min(x, y, width - x, height - y)
         if hole.radius >= room * (1.0 - 1e-9):
@@ -138,9 +188,10 @@ def _check_holes(scene: "Scene") -> None:
 
 
 def _check_cracks(scene: "Scene") -> None:
-    width, height, spacing = scene.geometry.width, scene.geometry.height, scene.mesh.spacing
+    width, height = scene.geometry.width, scene.geometry.height
     slack = 1e-9 * max(width, height)
     for k, crack in enumerate(scene.geometry.cracks):
+        spacing = _local_spacing(scene, crack.start, crack.end)
         key = f"geometry.cracks.{k}"
         for end, (x, y) in (("from", crack.start), ("to", crack.end)):
             if not (-slack <= x <= width + slack and -slack <= y <= height + slack):

@@ -275,7 +275,11 @@ def _corners(case: Case) -> list[float]:
 def _note_runaway(run: Run, log: Progress) -> None:
     """Say if the crack ran while bonds failed at one instant, which is over."""
     state, before, run.failing_from = run.state, run.failing_from, None
-    if state.crack_extension - before > RUNAWAY * run.case.bonds.horizon:
+    horizon, local = run.case.bonds.horizon, run.case.bonds.horizons
+    if local is not None and np.isfinite(state.crack_tip).all():
+        x = run.case.discretization.coordinates
+        horizon = local[np.argmin(np.hypot(*(x - state.crack_tip).T))]
+    if state.crack_extension - before > RUNAWAY * horizon:
         text = (
             f"at {state.time:.6g} s the crack ran from {before * 1e3:.3g} to {state.crack_extension * 1e3:.3g} mm "
             "of extension at fixed time"

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pdhe.bonds import WEIGHT_LIMITS, Bonds, partial_volume
+from pdhe.bonds import WEIGHT_LIMITS, Bonds, partial_volume, two_sided_volume
 from pdhe.kernels import diffusion as kernels
 from pdhe.kernels import lattice
 
@@ -179,7 +179,16 @@ def build_diffusion(
     owner, other = bonds.owners(), bonds.neighbours
     power = KERNELS[kernel]
     size = 0.5 * (spacing[owner] + spacing[other])
-    base = partial_volume(bonds.length, bonds.horizon, size, partial) * volume[other] / bonds.length**power
+    horizons = bonds.horizons
+
+    def counted(i: np.ndarray, j: np.ndarray, distance: np.ndarray, width: np.ndarray) -> np.ndarray:
+        """Share of the volume of nodes j, or of their images, that nodes i at a distance exchange with."""
+        if horizons is None:
+            return partial_volume(distance, bonds.horizon, width, partial)
+        # The constant of a kernel goes with the horizon to p - 4 (theory, eq. 4.2).
+        return two_sided_volume(distance, (horizons[i], horizons[j]), bonds.horizon, width, partial, 4 - power)[0]
+
+    base = counted(owner, other, bonds.length, size) * volume[other] / bonds.length**power
     moment = bonds.sum_by_node(base * bonds.length**2)
     even = np.zeros_like(base)
     exchange = {name: np.zeros(volume.size) for name in prescribed}
@@ -192,14 +201,15 @@ def build_diffusion(
             image[:, edges[name].axis] = 2.0 * edges[name].position - image[:, edges[name].axis]
         distance = np.hypot(*(image - coordinates[i]).T)
         width = 0.5 * (spacing[i] + spacing[j])
-        return partial_volume(distance, bonds.horizon, width, partial) * volume[j] / distance**power, distance
+        return counted(i, j, distance, width) * volume[j] / distance**power, distance
 
     for names in _reflections(edges):
         odd = sum(name in prescribed for name in names) % 2 == 1
         via = next((name for name in names if name in prescribed), None)
         near = np.ones(volume.size, bool)
         for name in names:
-            near &= np.abs(coordinates[:, edges[name].axis] - edges[name].position) <= bonds.horizon + spacing
+            reach = bonds.horizon if horizons is None else horizons.max()
+            near &= np.abs(coordinates[:, edges[name].axis] - edges[name].position) <= reach + spacing
         rows = np.flatnonzero(near[owner] & near[other])
         for i, j, bond in ((owner[rows], other[rows], rows), (everyone[near], everyone[near], None)):
             value, distance = seen(i, j, names)

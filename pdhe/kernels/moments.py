@@ -100,3 +100,35 @@ def apply_multipliers(offsets, nx, ny, multiplier, correction):
                     term *= ny[k]
                 value += term
             correction[k] = value
+
+
+@kernel
+def joint_correction(offsets, neighbours, length, nx, ny, y, correction):
+    """Write the change of each directed bond that the multipliers of its two ends make (theory, eq. 3.9).
+
+    ``y`` (n, 9): five multipliers of the even terms and four of the odd ones, these in metres.
+    """
+    for i in prange(offsets.size - 1):
+        for k in range(offsets[i], offsets[i + 1]):
+            j = neighbours[k]
+            even = 0.0
+            for a in range(5):
+                even = even + (y[i, a] + y[j, a]) * nx[k] ** (4 - a) * ny[k] ** a
+            odd = 0.0
+            for a in range(4):
+                odd = odd + (y[i, 5 + a] - y[j, 5 + a]) * nx[k] ** (3 - a) * ny[k] ** a
+            correction[k] = even + odd / length[k]
+
+
+@kernel
+def joint_moments(offsets, length, nx, ny, weight, values, out):
+    """Write the sums of ``weight * values`` times the five even terms and the four odd ones over length, (n, 9)."""
+    for i in prange(offsets.size - 1):
+        out[i] = 0.0
+        for k in range(offsets[i], offsets[i + 1]):
+            even = weight[k] * values[k]
+            for a in range(5):
+                out[i, a] += even * nx[k] ** (4 - a) * ny[k] ** a
+            odd = even / length[k]
+            for a in range(4):
+                out[i, 5 + a] += odd * nx[k] ** (3 - a) * ny[k] ** a

@@ -84,6 +84,9 @@ def choose(path: str | Path, progress: Progress | None = None) -> Choice:
     raw = read_scene_file(path)
     if raw.get("accuracy") is None:
         raise SceneError(file, "accuracy", None, "is missing", "for example `accuracy: 2 %`")
+    if isinstance(raw.get("mesh"), dict) and raw["mesh"].get("refine") is not None:
+        text = "cannot be promised on a graded mesh, whose spacings the scene chooses itself"
+        raise SceneError(file, "accuracy", raw["accuracy"], text, "leave `mesh.refine` out, or `accuracy`")
     with reporting(file, raw):
         accuracy = TypeAdapter(Accuracy).validate_python(raw.get("accuracy"))
     base = {"accuracy": None, "fidelity": "fine", "mesh.spacing": None}
@@ -113,8 +116,10 @@ def estimate(scene: Scene, progress: Progress | None = None) -> dict[str, float]
     """Expected error of each quantity of a scene as it is, relative, from runs on coarse meshes.
 
     Covers and leaves out what :func:`choose` does. Empty where nothing can be said cheaply: for meshes that are hardly
-    finer than those of the pilot runs, horizons given as lengths, and scenes without a limit.
+    finer than those of the pilot runs, graded meshes, horizons given as lengths, and scenes without a limit.
     """
+    if scene.mesh.refine:
+        return {}
     cheap = spacing_for(scene.geometry, smallest_feature(scene.geometry) / COARSEST, _lattice(scene)) / CHEAP
     if scene.horizon.ratio is None or not has_limit(scene) or scene.mesh.spacing > cheap * (1.0 + 1e-9):
         return {}

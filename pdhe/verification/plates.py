@@ -5,16 +5,18 @@ from __future__ import annotations
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, cg
 
-from pdhe.bonds import build_bonds
+from pdhe.bonds import Grading, build_bonds
 from pdhe.discretization import discretize
 from pdhe.errors import SimulationError
 from pdhe.materials import MODELS, Body
 from pdhe.mesh import make_mesh
 from pdhe.scene import Geometry, Mesh
+from pdhe.sizing import SizeField
 from pdhe.solvers import Equilibrium, Preconditioner
 
 #: Steel of the thesis (table 4): Young's modulus in Pa and Poisson's ratio.
@@ -96,6 +98,22 @@ def triangle_plate(width: float, height: float, spacing: float) -> Plate:
     return Plate(d.coordinates, d.volume, d.spacing, width, height, *edges)
 
 
+def graded_plate(width: float, height: float, ratio: float, mesh: dict[str, Any]) -> tuple[Plate, float, Grading]:
+    """Centroids of the triangles of a graded mesh (resolved block ``mesh``), reference horizon, m, and its grading."""
+    geometry = Geometry.model_validate(
+        {"plate": {"width": width, "height": height, "thickness": THICKNESS}}, context={"si": True}
+    )
+    spec = Mesh.model_validate({"cells": "triangle", **mesh}, context={"si": True})
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "plate.msh"
+        make_mesh(geometry, spec, path)
+        d = discretize(path, geometry, spec)
+    edges = (d.node_sets[name] for name in ("bottom", "top", "left", "right"))
+    size = SizeField(geometry, spec)
+    plate = Plate(d.coordinates, d.volume, d.spacing, width, height, *edges)
+    return plate, ratio * spec.spacing, Grading(ratio * size(d.coordinates), size.depth(d.coordinates))
+
+
 def plate_body(
     plate: Plate,
     horizon: float,
@@ -106,12 +124,14 @@ def plate_body(
     nu: float = POISSON,
     model: str = "condensed rotation",
     cracks=(),
+    grading: Grading | None = None,
 ) -> Body:
-    """Bonds and bond model on the nodes of a plate."""
+    """Bonds and bond model on the nodes of a plate; where ``grading`` is given, ``horizon`` is the reference one."""
     law = MODELS[model](young, nu, THICKNESS, horizon)
     bonds = build_bonds(
         plate.coordinates, plate.volume, plate.spacing, THICKNESS, horizon,
         partial=partial, surface=weights, tangential_ratio=law.tangential_ratio, cracks=cracks,
+        grading=grading,
     )  # fmt: skip
     return Body(bonds, law, plate.coordinates, plate.volume)
 

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pdhe.advance import TOGETHER
+from pdhe.bonds import Grading
 from pdhe.case import build_case
-from pdhe.damage import critical_stretch, crossing_sum
+from pdhe.damage import critical_stretch, crossing_sum, stretch_factors
 from pdhe.discretization import discretize
 from pdhe.mesh import make_mesh
 from pdhe.scene import Scene
@@ -121,16 +122,26 @@ def strip(nodes: str, columns: int, rows: int) -> Plate:
 
 
 def follow(
-    plate: Plate, ratio: float, notch: float, by_energy: bool, cells: int, weights: str, partial: str
+    plate: Plate,
+    ratio: float,
+    notch: float,
+    by_energy: bool,
+    cells: int,
+    weights: str,
+    partial: str,
+    graded: tuple[float, Grading] | None = None,
 ) -> CrackPath:
     """Follow a crack through ``cells`` spacings of growth under a unit strain, scaling the load to each break.
 
-    Bonds may break in the middle half of the height, from the tip of the notch on.
+    Bonds may break in the middle half of the height, from the tip of the notch on. ``graded`` is the reference horizon,
+    m, and the grading of a mesh that has :data:`SPACING` around the path.
     """
     middle = 0.5 * plate.height
     horizon = ratio * SPACING
     crack = ((-SPACING, middle), (notch, middle))
-    body = plate_body(plate, horizon, weights=weights, partial=partial, cracks=[crack])
+    reference, grading = graded or (horizon, None)
+    body = plate_body(plate, reference, weights=weights, partial=partial, cracks=[crack], grading=grading)
+    tougher = np.ones(1) if grading is None else stretch_factors(body.bonds)["factor"]
     fixed = np.zeros(plate.coordinates.shape, bool)
     fixed[plate.top, 1] = fixed[plate.bottom, 1] = True
     prescribed = np.zeros(plate.coordinates.shape)
@@ -149,7 +160,7 @@ def follow(
     u, _ = solver.solve(prescribed, prescribed)
     energy, tip, held, states = body.energy(u).sum(), notch, 0.0, []
     while tip < notch + cells * SPACING:
-        load = body.bond_loads(u, by_energy) * (may_fail & body.intact)
+        load = body.bond_loads(u, by_energy) * (may_fail & body.intact) / tougher
         scale = critical / load.max()
         held = max(held, scale)
         broken = np.flatnonzero(load * held / critical >= max(1.0 - TOGETHER, (1.0 - GROUPING) * held / scale))

@@ -42,6 +42,11 @@ CRACK = {"name": "second", "from": ["0 mm", "20 mm"], "to": ["30 mm", "20 mm"]}
 HOLE = {"name": "second", "centre": ["60 mm", "20 mm"], "radius": "10 mm"}
 
 
+REFINE = [{"around": "notch", "spacing": "1 mm", "within": "5 mm"}]
+LINE = {"from": ["50 mm", "50 mm"], "to": ["90 mm", "50 mm"], "spacing": "1 mm", "within": "5 mm"}
+GRADED = {"mesh.cells": "triangle", "mesh.refine": REFINE}
+
+
 def load(on, **displacement):
     return {"on": on, "displacement": displacement}
 
@@ -147,6 +152,70 @@ BAD = {
     "horizon length too short": ({"horizon": {"length": "5 mm"}}, "horizon.length", "1 spacings", "at least 1.2"),
     "horizon above the plate": ({"horizon.ratio": 20}, "horizon.ratio", "not smaller than the plate", "smaller"),
     "horizon twice": ({"horizon.length": "15 mm"}, "horizon", "either `ratio` or `length`", "3.015"),
+    "refined lattice": (
+        {"mesh.refine": REFINE, "mesh.cells": "quadrilateral"},
+        "mesh.refine",
+        "needs triangles",
+        "cells: triangle",
+    ),
+    "refined nowhere": (GRADED | {"mesh.refine": []}, "mesh.refine", "empty list", "leave `refine` out"),
+    "refinement of two places": (
+        GRADED | {"mesh.refine": [REFINE[0] | {"from": ["1 mm", "1 mm"]}]},
+        "mesh.refine.0",
+        "either `around` or both",
+        "notch",
+    ),
+    "refinement of no place": (
+        GRADED | {"mesh.refine": [{"spacing": "1 mm", "within": "5 mm"}]},
+        "mesh.refine.0",
+        "either `around` or both",
+        "notch",
+    ),
+    "refinement without unit": (
+        GRADED | {"mesh.refine": [REFINE[0] | {"within": 5}]},
+        "mesh.refine.0.within",
+        "needs a unit",
+        "mm",
+    ),
+    "refinement coarser": (
+        GRADED | {"mesh.refine": [REFINE[0] | {"spacing": "6 mm"}]},
+        "mesh.refine.0.spacing",
+        "coarser than the rest",
+        "coarsest",
+    ),
+    "refinement around nothing": (
+        GRADED | {"mesh.refine": [REFINE[0] | {"around": "notsch"}]},
+        "mesh.refine.0.around",
+        "not a hole or a crack",
+        "`notch`",
+    ),
+    "refinement outside": (
+        GRADED | {"mesh.refine": [LINE | {"to": ["50 mm", "110 mm"]}]},
+        "mesh.refine.0.to",
+        "outside the plate",
+        "200 x 100",
+    ),
+    "growth without refinement": ({"mesh.growth": 0.1}, "mesh.growth", "nothing to grow away from", "add `refine`"),
+    "growth too large": (GRADED | {"mesh.growth": 0.6}, "mesh.growth", "at most 0.5", ""),
+    "horizon grows too fast": (GRADED | {"mesh.growth": 0.4}, "mesh.growth", "lets the horizon grow", "at most 0.33"),
+    "one horizon for many spacings": (
+        GRADED | {"horizon": {"length": "15 mm"}},
+        "horizon.length",
+        "one horizon for all nodes",
+        "give `ratio`",
+    ),
+    "weights for one horizon": (
+        GRADED | {"mechanics.weights": "volume"},
+        "mechanics.weights",
+        "made for one horizon",
+        "`moment matched`",
+    ),
+    "too many nodes by refinement": (
+        GRADED | {"mesh.refine": [LINE | {"spacing": "0.005 mm", "within": "50 mm"}]},
+        "mesh.refine",
+        "more than 5e+06",
+        "smaller `within`",
+    ),
     "horizon empty": ({"horizon": {}}, "horizon", "either `ratio` or `length`", "3.015"),
     # material and model
     "unknown material": ({"material": "AISI 4430"}, "material", "not a known material", "did you mean `aisi-4340`"),

@@ -21,7 +21,7 @@ def geometry(width=0.04, height=0.02, holes=(), cracks=()):
 
 
 def spec(cells="quadrilateral", spacing=1e-3):
-    return SimpleNamespace(spacing=spacing, cells=cells)
+    return SimpleNamespace(spacing=spacing, cells=cells, refine=None)
 
 
 def group_sizes(path):
