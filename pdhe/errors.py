@@ -46,4 +46,16 @@ class Interrupted(KeyboardInterrupt):
 
 
 class SimulationError(PdheError):
-    """A run cannot go on; the message names step, time and node."""
+    """A run cannot go on; the message names time, step, node and bond.
+
+    Parameters
+    ----------
+    text
+        What went wrong.
+    node
+        Where, if known.
+    """
+
+    def __init__(self, text: str, node: int | None = None) -> None:
+        self.node = node
+        super().__init__(text)

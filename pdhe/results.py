@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 SINGLE = {"damage", "coverage"}
 #: What the name of a checkpoint has after that of the result.
 CHECKPOINT = ".checkpoint"
+#: What that of a result that stops early has: nothing that looks for results by their ending takes it for one.
+INCOMPLETE = ".incomplete"
 COORDINATES = ("time", "node_x", "node_y", "history_time", "component")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import tempfile
 from collections.abc import Callable, Mapping
@@ -21,7 +22,7 @@ from pdhe.kernels import threads_for
 from pdhe.mesh import make_mesh
 from pdhe.plan import make_plan
 from pdhe.provenance import digest, fingerprint, machine, versions
-from pdhe.results import CHECKPOINT, Contents, Recorder
+from pdhe.results import CHECKPOINT, INCOMPLETE, Contents, Recorder
 from pdhe.scene import Scene
 from pdhe.solvers import INDEFINITE
 from pdhe.stability import NEGATIVE, least_eigenvalue
@@ -32,6 +33,11 @@ if TYPE_CHECKING:
 
 #: A crack that advances further than this many horizons at one instant is reported as running away.
 RUNAWAY = 2.0
+#: Conjugate gradients with fewer iterations than this may be cut short: 10 to 16 are usual for a whole plate, whatever
+#: the mesh, more as it comes apart.
+FEW = 100
+#: Share of broken bonds from which a node that is not in equilibrium is suspected of hanging loosely.
+LOOSE = 0.5
 #: Nodes from which a job flies a pilot before it starts: it takes about a second, the run minutes.
 PILOT_FROM = 50_000
 
@@ -78,25 +84,45 @@ def checkpoint_of(result: Path) -> Path:
     return result.with_name(f"{result.name}{CHECKPOINT}")
 
 
+def incomplete_of(result: Path) -> Path:
+    """Return where a run with this result file leaves what it has when it cannot go on."""
+    return result.with_name(f"{result.name}{INCOMPLETE}")
+
+
+class Unfinished(SimulationError):
+    """A run cannot go on; ``contents`` is what it came to, up to the last good state."""
+
+    def __init__(self, text: str, node: int | None, contents: Contents) -> None:
+        self.contents = contents
+        super().__init__(text, node)
+
+
 def _solve(
     case: Case, path: Path, log: Progress, keeper: Keeper, plan: str, command: str, remarks: Mapping[str, Any]
 ) -> None:
     scene = case.scene
-    contents = _simulate(case, log, keeper)
-    contents.attributes.update(
-        {
-            "plan": plan,
-            "scene": json.dumps(scene.resolved(), sort_keys=True),
-            "scene_hash": digest(scene.resolved()),
-            "code_fingerprint": fingerprint("pdhe.simulation"),
-            "versions": json.dumps(versions(), sort_keys=True),
-            "machine": machine(),
-            "command": command,
-            **remarks,
-        }
-    )
+    made_by = {
+        "plan": plan,
+        "scene": json.dumps(scene.resolved(), sort_keys=True),
+        "scene_hash": digest(scene.resolved()),
+        "code_fingerprint": fingerprint("pdhe.simulation"),
+        "versions": json.dumps(versions(), sort_keys=True),
+        "machine": machine(),
+        "command": command,
+        **remarks,
+    }
+    try:
+        contents = _simulate(case, log, keeper)
+    except Unfinished as error:
+        error.contents.attributes.update(made_by)
+        kept = incomplete_of(path)
+        error.contents.write(kept)
+        raise SimulationError(f"{error}; what was computed so far is in {kept} (see `pdhe diagnose`)") from error
+    contents.attributes.update(made_by)
     contents.write(path)
     keeper.remove()
+    with contextlib.suppress(OSError):
+        incomplete_of(path).unlink()
 
 
 def fly_pilot(scene: Scene, nodes: int) -> Pilot | None:
@@ -146,11 +172,51 @@ def _simulate(case: Case, log: Progress = _silent, keeper: Keeper | None = None)
         try:
             step(run, log, keeper.offer if keeper else lambda run: None)
         except SimulationError as error:
-            state = run.state
-            where = f"at t = {state.time:.6g} s, failure round {state.failure_rounds}"
-            raise SimulationError(f"{where}: {error}") from error
+            text = f"{_where(run)}: {error}{_likely_reason(case, error.node) if INDEFINITE not in str(error) else ''}"
+            raise Unfinished(text, error.node, _last_good(run, f"incomplete: {text}")) from error
         status = "complete" if not run.runaways else "complete; crack ran away: " + "; ".join(run.runaways)
         return run.recorder.contents(case.discretization, {"title": case.scene.title, "status": status})
+
+
+def _where(run: Run) -> str:
+    """Say where a run is: time, history entry, round of failures, and the bond that broke last."""
+    state = run.state
+    parts = [f"at t = {state.time:.6g} s, step {len(run.recorder.rows)}, failure round {state.failure_rounds}"]
+    if run.recorder.broken:
+        i, j, _ = run.recorder.broken[-1]
+        x, y = 1e3 * run.case.discretization.coordinates[[i[-1], j[-1]]].mean(axis=0)
+        parts.append(f"after the bond of nodes {i[-1]} and {j[-1]} broke about ({x:.4g}, {y:.4g}) mm")
+    return ", ".join(parts)
+
+
+def _likely_reason(case: Case, node: int | None) -> str:
+    """Say what is special about the node at which an equilibrium was not found."""
+    if node is None or case.body is None:
+        return ""
+    solver = case.equilibrium
+    if case.scene.solver.method == "conjugate gradients" and solver.max_iterations < FEW:
+        return f"; likely reason: {solver.max_iterations} iterations are few, some tens are usual"
+    damage = float(case.body.damage()[node])
+    if damage > LOOSE:
+        return (
+            f"; likely reason: {damage:.0%} of the bonds of this node are gone, so that it or the fragment around it "
+            "hardly hangs on to the rest"
+        )
+    if not case.body.broken:
+        return "; likely reason: nothing has broken yet: the loads or the cracks leave the body too loosely held"
+    return ""
+
+
+def _last_good(run: Run, status: str) -> Contents:
+    """Return what a run has recorded, with its present state, which is that before the move that failed."""
+    state, recorder = run.state, run.recorder
+    # A state that must not be recorded is not a good one: what was recorded before it is kept as it is.
+    with contextlib.suppress(SimulationError):
+        record(run.case, state, recorder, snapshot=True)
+        if recorder.times[-2:-1] == [state.time]:  # what broke since then counts
+            for values in (recorder.times, *recorder.snapshots.values()):
+                del values[-2]
+    return recorder.contents(run.case.discretization, {"title": run.case.scene.title, "status": status})
 
 
 def _begin(case: Case) -> Run:
@@ -308,7 +374,18 @@ def _check_stability(case: Case) -> None:
 
 
 def record(case: Case, state: State, recorder: Recorder, snapshot: bool) -> None:
-    """Append the present state to the history, and to the snapshots where asked."""
+    """Append the present state to the history, and to the snapshots where asked.
+
+    Raises
+    ------
+    SimulationError
+        If a displacement or a coverage is not finite, or the stiffness not positive; nothing is appended then.
+    """
+    for name, values in (("displacement", state.displacement), ("coverage", state.coverage)):
+        if values is not None and not np.isfinite(values).all():
+            node = int(np.flatnonzero(~np.isfinite(values).reshape(values.shape[0], -1).all(axis=1))[0])
+            where = case.discretization.coordinates[node].tolist()
+            raise SimulationError(f"the {name} of node {node}, x = {where} m, is not finite", node)
     volume = case.discretization.volume
     row: dict[str, float] = {"history_time": state.time}
     fields: dict[str, np.ndarray] = {}

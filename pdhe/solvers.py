@@ -265,7 +265,8 @@ class Equilibrium:
         raise SimulationError(
             f"equilibrium not reached: relative residual {norm / scale:.3g} after {iterations} "
             f"iterations (wanted {self.tolerance:g}); largest at node {worst}, "
-            f"x = {self.coordinates[worst].tolist()} m; " + self._hint(norm > ROUND_OFF * scale, iterations)
+            f"x = {self.coordinates[worst].tolist()} m; " + self._hint(norm > ROUND_OFF * scale, iterations),
+            worst,
         )
 
     def _hint(self, far: bool, iterations: int) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path
 from pdhe.errors import PdheError
 from pdhe.netcdf import read_netcdf
 from pdhe.provenance import digest, fingerprint, versions
-from pdhe.results import CHECKPOINT
+from pdhe.results import CHECKPOINT, INCOMPLETE
 from pdhe.study import Case, load_study
 from pdhe.yamlfile import read_yaml
 
@@ -113,13 +113,13 @@ def unused(results: Path, studies: Iterable[str | Path]) -> list[Path]:
     for stage, ending in _STAGES.items():
         for path in sorted((results / "store" / stage).glob("*")):
             part = _PART.fullmatch(path.name)
-            if (part and not _alive(int(part[1]))) or (path.suffix == ending and path.stem not in kept[stage]):
-                found.append(path)
-            elif path.suffix == CHECKPOINT:
+            if path.suffix in (CHECKPOINT, INCOMPLETE):
                 # One whose result is there was left behind by a run that was killed at its very end.
                 result = path.with_suffix("")
                 if result.stem not in kept[stage] or result.exists():
                     found.append(path)
+            elif (part and not _alive(int(part[1]))) or (path.suffix == ending and path.stem not in kept[stage]):
+                found.append(path)
     for folder in sorted(path for path in results.iterdir() if path.is_dir() and path.name not in OTHERS):
         if folder.name in names:
             inside = sorted(folder.iterdir())

@@ -14,17 +14,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pdhe import checkpoint, cli
+from pdhe import checkpoint, cli, simulation
 from pdhe.benchmarks.problems import lattice_nodes
 from pdhe.case import build_case
 from pdhe.checkpoint import CADENCE, Keeper
+from pdhe.diagnosis import diagnose
 from pdhe.discretization import write_discretization
-from pdhe.errors import Interrupted, PdheError
+from pdhe.errors import Interrupted, PdheError, SimulationError
 from pdhe.implicit import ImplicitStepper
 from pdhe.netcdf import read_netcdf
 from pdhe.provenance import canonical
+from pdhe.results import open_result
 from pdhe.scene import load_scene
 from pdhe.simulation import solve_case
+from pdhe.solvers import Equilibrium
 from pdhe.state import State
 from pdhe.supersteps import SuperStepper
 
@@ -333,6 +336,82 @@ def test_a_signal_does_not_wait_for_ever(tmp_path, monkeypatch):
         time.sleep(5.0)
     assert stop.value.status == 143
     assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_a_run_that_cannot_go_on_keeps_what_it_has(tmp_path, monkeypatch):
+    """The solver is stopped in the seventh round: once for good, once not."""
+    scene, nodes = problem("smoke", COARSE)
+    monkeypatch.setenv(CADENCE, "0")
+    solve_case(scene, nodes, tmp_path / "whole.nc")
+    solve = Equilibrium.solve
+
+    def gives_up(self, u, prescribed):
+        if len(self.body.broken) == 7:
+            self.max_iterations = 1
+        return solve(self, u, prescribed)
+
+    out, kept = tmp_path / "run.nc", tmp_path / "run.nc.incomplete"
+    for _ in range(2):  # the second goes on from the checkpoint, to the same error
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(Equilibrium, "solve", gives_up)
+            with pytest.raises(SimulationError, match="equilibrium not reached") as error:
+                solve_case(scene, nodes, out)
+        assert not out.exists()
+        text = str(error.value)
+        assert re.match(
+            r"at t = \S+ s, step \d+, failure round 6, after the bond of nodes \d+ and \d+ broke about", text
+        )
+        assert re.search(r"largest at node \d+, x = .*; likely reason: 1 iterations are few", text)
+        assert f"what was computed so far is in {kept}" in text
+        with open_result(kept) as result, open_result(tmp_path / "whole.nc") as whole:
+            assert result.attrs["status"].startswith("incomplete: at t = ")
+            rows = result.sizes["step"] - 1
+            for name in ("history_time", "elastic_energy", "hydrogen_content"):
+                assert np.array_equal(result[name].values[:rows], whole[name].values[:rows])
+            assert result["failure_rounds"].values[-1] == 6 and result["time"].values[-1] < whole["time"].values[-1]
+            assert np.unique(result["time"].values).size == result.sizes["time"]
+        assert "incomplete: at t = " in diagnose(kept)
+    solve_case(scene, nodes, out)
+    assert_same(tmp_path / "whole.nc", out)
+    assert {path.name for path in tmp_path.iterdir()} == {"whole.nc", "run.nc"}
+
+
+@pytest.mark.parametrize(
+    ("broken", "reason"), [(True, "of the bonds of this node are gone"), (False, "nothing has broken yet"), (None, "")]
+)
+def test_the_likely_reason_looks_at_the_node(broken, reason):
+    scene, nodes = problem("smoke", {**COARSE, "geometry.cracks": [], "hydrogen": None})
+    body = (case := build_case(scene, nodes)).body
+    if broken is not False:
+        owned = np.flatnonzero(body.bonds.owners() == 100)
+        body.break_bonds(owned[1:] if broken else owned[:1])
+    assert reason in (told := simulation._likely_reason(case, 100)) and bool(told) == bool(reason)
+
+
+def test_values_that_are_not_finite_are_not_recorded(tmp_path, monkeypatch):
+    scene, nodes = problem("smoke", COARSE)
+    advance = simulation.moves.advance
+
+    def spoilt(case, state, *rest):
+        failed = advance(case, state, *rest)
+        if state.time > 5e6:
+            state.coverage[17] = np.nan
+        return failed
+
+    monkeypatch.setattr(simulation.moves, "advance", spoilt)
+    with pytest.raises(SimulationError, match=r"the coverage of node 17, x = .* is not finite"):
+        solve_case(scene, nodes, tmp_path / "run.nc")
+    with open_result(tmp_path / "run.nc.incomplete") as result:
+        assert np.isfinite(result["coverage"].values).all() and result.sizes["step"] > 3
+
+
+def test_a_state_that_must_not_be_recorded_loses_nothing_before_it(tmp_path, monkeypatch):
+    scene, nodes = problem("smoke", {**COARSE, "material.poissons_ratio": 0.4})
+    monkeypatch.setattr(simulation, "least_eigenvalue", lambda body, free: -1.0)
+    with pytest.raises(SimulationError, match=r"stiffness is no longer positive.*what was computed so far is in"):
+        solve_case(scene, nodes, tmp_path / "run.nc")
+    with open_result(tmp_path / "run.nc.incomplete") as result:
+        assert result.sizes["time"] >= 1 and "no longer positive" in result.attrs["status"]
 
 
 def test_nothing_that_has_a_history_is_forgotten(tmp_path):

@@ -163,6 +163,18 @@ def test_what_a_study_no_longer_refers_to_is_listed_and_removed(project, capsys)
     ).is_file()
 
 
+def test_checkpoints_and_incomplete_results_stay_while_something_goes_on_from_them(project):
+    first, second = solutions(project)
+    ends = (".nc.checkpoint", ".nc.incomplete")
+    left = [path.with_name(path.stem + end) for path in (first, second) for end in ends]
+    for path in left:
+        path.write_text("left")
+    second.unlink()
+    elsewhere = first.with_name("of-no-study.nc.checkpoint")
+    elsewhere.write_text("left")
+    assert sorted(store.unused(Path("results"), ["pair.yaml"])) == sorted([*left[:2], elsewhere])
+
+
 def test_a_link_is_removed_and_not_what_it_points_to(project, tmp_path):
     (tmp_path / "far/case").mkdir(parents=True)
     (tmp_path / "far/case/damage.png").write_text("picture")
