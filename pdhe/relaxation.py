@@ -6,7 +6,7 @@ import numpy as np
 
 from pdhe.kernels.vectors import dot
 from pdhe.materials import Body
-from pdhe.solvers import LEAST_REFERENCE, STAGNATION, Equilibrium
+from pdhe.solvers import STAGNATION, Equilibrium
 
 #: Fictitious mass over the least that Gershgorin's theorem proves stable for a unit time step.
 MASS_SAFETY = 1.05
@@ -26,7 +26,7 @@ class DynamicRelaxation(Equilibrium):
         u = np.where(self.fixed, prescribed, u)
         force = self._force(u)
         self.work.equilibrium_solves += 1
-        self.reference = max(self.reference, LEAST_REFERENCE * self._held(force))
+        self.reference = max(self.reference, self._least_reference(force))
         residual = force * self.free
         norm = np.sqrt(dot(residual, residual))
         mass = fictitious_mass(self.body)

@@ -30,6 +30,8 @@ REBUILD_AFTER = 30
 #: Least reference of residuals, as a share of the forces that hold the first guess of a solve, which exceed those in
 #: equilibrium by about a third of the plate's height in spacings.
 LEAST_REFERENCE = 1e-3
+#: Residual over the forces of a first guess that round-off lets a solve reach in any case.
+REACHABLE = 1e-12
 #: What may be wrong where Poisson's ratio exceeds 1/3.
 INDEFINITE = (
     "the stiffness is no longer positive: above 1/3, Poisson's ratio asks for a negative tangential stiffness, which "
@@ -204,7 +206,7 @@ class Equilibrium:
         residual = force * self.free
         norm = np.sqrt(dot(residual, residual))
         # A plate in pieces needs no force at all: the reference is never less than a small share of a first guess'.
-        self.reference = max(self.reference, LEAST_REFERENCE * self._held(force))
+        self.reference = max(self.reference, self._least_reference(force))
         if norm <= self.tolerance * self._scale(force):
             self.reference = self._scale(force)
             return u, force
@@ -248,6 +250,10 @@ class Equilibrium:
         Forces on the way to an equilibrium do not stay in the reference: those of a first guess are far too large.
         """
         return max(self.reference, self._held(force))
+
+    def _least_reference(self, guess: np.ndarray) -> float:
+        share = max(LEAST_REFERENCE, REACHABLE / self.tolerance)
+        return min(share, 1.0) * self._held(guess)
 
     def _held(self, force: np.ndarray) -> float:
         held = force[self._held_rows]
