@@ -104,11 +104,15 @@ def long_solve(run_of_workflow, tmp_path):
     result = tmp_path / "solve" / "result.nc"
     files = ["--nodes", str(tmp_path / "nodes.nc"), "--out", str(result)]
     command = start(folder, "solve", "--spec", json.dumps(spec), *files)
-    assert "scene:" in command.stdout.readline()
-    (process,) = waiting(folder)
-    yield command, process, result
-    command.kill()
-    command.communicate()
+    try:
+        assert "scene:" in command.stdout.readline()
+        # A process that starts a program shows up twice for an instant.
+        soon(lambda: len(waiting(folder)) == 1)
+        (process,) = waiting(folder)
+        yield command, process, result
+    finally:
+        command.kill()
+        command.communicate()
 
 
 @pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
