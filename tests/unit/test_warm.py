@@ -105,10 +105,9 @@ def long_solve(run_of_workflow, tmp_path):
     files = ["--nodes", str(tmp_path / "nodes.nc"), "--out", str(result)]
     command = start(folder, "solve", "--spec", json.dumps(spec), *files)
     try:
-        assert "scene:" in command.stdout.readline()
-        # A process that starts a program shows up twice for an instant.
-        soon(lambda: len(waiting(folder)) == 1)
-        (process,) = waiting(folder)
+        assert any("scene:" in line for line in command.stdout)
+        # A process that starts a program shows up twice for an instant: the older one is meant.
+        process = min(waiting(folder), key=lambda number: psutil.Process(number).create_time())
         yield command, process, result
     finally:
         command.kill()
