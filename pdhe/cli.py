@@ -145,8 +145,9 @@ def plan(arguments: argparse.Namespace) -> None:
         make_mesh(scene.geometry, scene.mesh, mesh_file)
         case = build_case(scene, discretize(mesh_file, scene.geometry, scene.mesh))
     pilot = fly_pilot(scene, case.discretization.volume.size)
-    print(make_plan(case, pilot))
-    seconds = make_forecast(case, pilot).seconds
+    expected = make_forecast(case, pilot)
+    print(make_plan(case, pilot, expected))
+    seconds = expected.seconds
     print("expected time: seconds" if seconds is None else f"expected time: {seconds:.3g} s of one thread")
     errors = estimate(scene)
     told = ", ".join(f"{name} {100.0 * error:.2g} %" for name, error in errors.items())

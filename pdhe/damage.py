@@ -129,32 +129,28 @@ class Candidates:
     ) -> None:
         self.rule = rule
         self.ratio_of_moduli = body.tangential / body.normal
-        self.moving = u1 is not u0
         breakable = rule.may_fail & body.intact
         least = rule.least(rule.weakest if psi is None else rule.resistance_at(psi), body.bonds.node_count)
         top, theta0 = body.largest_ratios(u0, rule.by_energy, breakable, least)
-        theta1 = theta0
-        if self.moving:
+        theta1 = None
+        if u1 is not u0:
             end, theta1 = body.largest_ratios(u1, rule.by_energy, breakable, least)
             top = np.maximum(top, end)
-        bond, self.i = _rows(body.bonds, np.flatnonzero(top >= 1.0))
-        keep = breakable[bond]
-        self._take(body, bond[keep], self.i[keep])
-        self.start = body.bond_parts(u0, self.bond, self.i, theta0)
-        self.change = body.bond_parts(u1, self.bond, self.i, theta1) - self.start if self.moving else None
-        load = np.maximum(self.load(0.0), self.load(1.0)) if self.moving else self.load(0.0)
-        keep = load >= np.minimum(least[self.i], least[self.j])
-        self.start = self.start[:, keep]
-        if self.moving:
-            self.change = self.change[:, keep]
-        self._take(body, self.bond[keep], self.i[keep])
-        self._resting = None if self.moving else self.load(0.0)
-
-    def _take(self, body: Body, bond: np.ndarray, owner: np.ndarray) -> None:
-        self.bond, self.i, self.j = bond, owner, body.bonds.neighbours[bond]
+        self.bond, self.i, self.j = _bonds_of(body.bonds, np.flatnonzero(top >= 1.0), breakable)
         self.share_i, self.share_j = body.share[self.i], body.share[self.j]
-        self.stiffness = body.normal * body.bonds.weight[bond] * body.bonds.length[bond]
+        self.start = body.bond_parts(u0, self.bond, self.i, theta0)
+        self.change = None if theta1 is None else body.bond_parts(u1, self.bond, self.i, theta1) - self.start
         self._resting = None
+        load = self.load(0.0) if self.change is None else np.maximum(self.load(0.0), self.load(1.0))
+        keep = load >= np.minimum(least[self.i], least[self.j])
+        self.bond, self.i, self.j = self.bond[keep], self.i[keep], self.j[keep]
+        self.share_i, self.share_j = self.share_i[keep], self.share_j[keep]
+        self.start = self.start[:, keep]
+        if self.change is None:
+            self._resting = load[keep]
+        else:
+            self.change = self.change[:, keep]
+        self.stiffness = body.normal * body.bonds.weight[self.bond] * body.bonds.length[self.bond]
 
     def _strains(self, fraction: float) -> tuple[np.ndarray, np.ndarray]:
         parts = self.start if self.change is None else self.start + fraction * self.change
@@ -194,10 +190,8 @@ def nearest_failure(body: Body, rule: FailureRule, u: np.ndarray, psi: np.ndarra
     largest, top = 0.0, float(bound.max(initial=0.0))
     # The node with the highest bound first; then all whose bound exceeds what it has.
     for nodes in (np.flatnonzero(bound == top)[:1], np.flatnonzero(bound > 0.0)):
-        bond, i = _rows(body.bonds, nodes[bound[nodes] > largest])
-        bond, i = bond[breakable[bond]], i[breakable[bond]]
+        bond, i, j = _bonds_of(body.bonds, nodes[bound[nodes] > largest], breakable)
         if bond.size:
-            j = body.bonds.neighbours[bond]
             stretch, square = _strains(
                 body.bond_parts(u, bond, i, theta), body.share[i], body.share[j], body.tangential / body.normal
             )
@@ -219,8 +213,11 @@ def _load(stretch: np.ndarray, square: np.ndarray, by_energy: bool) -> np.ndarra
     return np.maximum(stretch, 0.0)
 
 
-def _rows(bonds: Bonds, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Directed bonds of some nodes, and the owner of each."""
+def _bonds_of(bonds: Bonds, nodes: np.ndarray, among: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Those directed bonds of some nodes that are ``among`` (b,) a kind, and the nodes at their two ends."""
     first, size = bonds.offsets[nodes], bonds.offsets[nodes + 1] - bonds.offsets[nodes]
     shift = np.repeat(first - np.concatenate([[0], np.cumsum(size)[:-1]]), size)
-    return np.arange(shift.size) + shift, np.repeat(nodes, size).astype(np.int32)
+    bond, owner = np.arange(shift.size) + shift, np.repeat(nodes, size).astype(np.int32)
+    kept = among[bond]
+    bond, owner = bond[kept], owner[kept]
+    return bond, owner, bonds.neighbours[bond]

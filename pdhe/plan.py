@@ -6,7 +6,7 @@ import numpy as np
 
 from pdhe.case import Case
 from pdhe.errors import SceneError
-from pdhe.forecast import Pilot, make_forecast
+from pdhe.forecast import Forecast, Pilot, make_forecast
 from pdhe.supersteps import implicit_from
 from pdhe.transport import STEP_SAFETY, DiffusionStep
 
@@ -16,10 +16,11 @@ SHORT_CRACK, SHARP_FRONT = 3.0, 3.0
 FAR_FROM_FAILURE = 0.8
 
 
-def make_plan(case: Case, pilot: Pilot | None = None) -> str:
+def make_plan(case: Case, pilot: Pilot | None = None, expected: Forecast | None = None) -> str:
     """Describe a case before it runs: physics and reasons, sizes, limits and steps, expected cost, warnings.
 
     ``pilot`` is a run on a coarser mesh (:func:`pdhe.simulation.fly_pilot`); without it, work is not foretold.
+    ``expected`` is the forecast that goes with it, for those who have it; it takes some sweeps to make.
 
     Raises
     ------
@@ -36,12 +37,12 @@ def make_plan(case: Case, pilot: Pilot | None = None) -> str:
         _hydrogen(case),
         f"time: 0 to {scene.time.end:.6g} s, {len(scene.outputs.times)} outputs, stepping: {_stepping(case)}",
     ]
-    lines += _cost(case, pilot) + [f"warning: {text}" for text in warnings(case, pilot)]
+    lines += _cost(expected or make_forecast(case, pilot), pilot)
+    lines += [f"warning: {text}" for text in warnings(case, pilot)]
     return "\n".join(lines)
 
 
-def _cost(case: Case, pilot: Pilot | None) -> list[str]:
-    expected = make_forecast(case, pilot)
+def _cost(expected: Forecast, pilot: Pilot | None) -> list[str]:
     lines = [f"expected memory: {expected.memory / 1e6:.0f} MB at the peak of the process"]
     if pilot is not None:
         parts = [

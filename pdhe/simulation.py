@@ -69,12 +69,13 @@ def solve_case(
     keeper = Keeper(checkpoint_of(path), identity(scene.resolved(), discretization), log)
     case = build_case(scene, discretization)
     pilot = fly_pilot(scene, discretization.volume.size) if discretization.volume.size >= PILOT_FROM else None
-    plan = make_plan(case, pilot)
+    expected = make_forecast(case, pilot)
+    plan = make_plan(case, pilot, expected)
     if progress:
         progress(plan)
         if pilot is not None:
             # Not part of the plan that the result keeps: it depends on the machine.
-            progress(f"expected time: {make_forecast(case, pilot).seconds:.3g} s of processor time on one thread")
+            progress(f"expected time: {expected.seconds:.3g} s of processor time on one thread")
     with keeper.listening():
         _solve(case, path, log, keeper, plan, command, remarks or {})
 
@@ -310,20 +311,19 @@ def _step_fixed(run: Run, log: Progress, offer: Callable[[Run], None]) -> None:
             for sub in range(1, stepping.diffusion_substeps + 1):
                 moves.substep(case, state, begin + (t - begin) * sub / stepping.diffusion_substeps)
         state.time = t
-        failed = 0
+        rounds = state.failure_rounds
         if case.equilibrium is not None:
             u, force = case.equilibrium.solve(state.displacement, case.conditions.values(t))
             moves.move_to(case, state, moves.Motion(t, t, u, u, force, force), t)
             if case.rule is not None:
-                run.failing_from, failed = state.crack_extension, -state.failure_rounds
+                run.failing_from = state.crack_extension
                 candidates = Candidates(case.body, case.rule, u, u, state.coverage)
                 moves.fail_until_stable(case, state, candidates, 0.0, recorder)
-                failed += state.failure_rounds
                 _note_runaway(run, log)
         output = bool(pending) and t >= pending[0] * (1.0 - 1e-12)
         while pending and t >= pending[0] * (1.0 - 1e-12):
             pending.pop(0)
-        if failed or output:
+        if state.failure_rounds > rounds or output:
             record(case, state, recorder, snapshot=output)
         if output:
             log(_progress_line(case, state))

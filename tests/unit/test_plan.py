@@ -47,6 +47,14 @@ def test_work_is_foretold_from_the_pilot(flown):
     assert "expected work" not in make_plan(case)
 
 
+def test_a_forecast_that_is_there_is_not_made_again(flown, monkeypatch):
+    case, pilot = flown
+    expected = make_forecast(case, pilot)
+    text = make_plan(case, pilot)
+    monkeypatch.setattr("pdhe.plan.make_forecast", None)
+    assert make_plan(case, pilot, expected) == text
+
+
 FORETELL = """
 import sys
 from pdhe.benchmarks.problems import lattice_nodes
