@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdhe.bonds import distance_to_segment
 from pdhe.case import EDGES, Case
 from pdhe.damage import Candidates
 from pdhe.results import Recorder
+from pdhe.segments import distance_to_segment
 from pdhe.state import State
 from pdhe.supersteps import SuperStepper
 from pdhe.transport import STEP_SAFETY, DiffusionStep

@@ -1,4 +1,4 @@
-"""Bonds: families, partial volumes, surface corrections and bonds cut by pre-cracks (theory, section 3)."""
+"""Bonds: families, partial volumes and bonds cut by pre-cracks (theory, section 3)."""
 
 from __future__ import annotations
 
@@ -7,20 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pdhe.corrections import WEIGHT_LIMITS, energy_correction, joint_correction, moment_correction, volume_correction
 from pdhe.errors import PdheError
 from pdhe.kernels import moments
 from pdhe.kernels.families import find_families, reverse_bonds
 from pdhe.kernels.jit import as_float
-from pdhe.kernels.vectors import dot
-
-#: Corrections are confined to this range: a handful of bonds in corners would otherwise reach +-20 (theory, eq. 3.3).
-WEIGHT_LIMITS = (0.2, 5.0)
-
-#: Joint correction (theory, eq. 3.9): the weight of a change of the bonds against errors of the moments, and when the
-#: conjugate gradients for its multipliers end. From 0.01 to 0.03 the strains of a patch are equally right.
-JOINT_DAMPING, JOINT_TOLERANCE, JOINT_ITERATIONS = 0.02, 1e-3, 300
-#: Depth below a surface, in horizons, from which a family counts as whole: the cap cut off beyond is 2 % of its disc.
-WHOLE_FROM = 0.9
+from pdhe.kernels.vectors import row_sums
+from pdhe.segments import crossed_by, distance_to_segment
 
 
 @dataclass(frozen=True)
@@ -152,15 +145,7 @@ class Bonds:
 
     def sum_by_node(self, values: np.ndarray) -> np.ndarray:
         """Sum a bond quantity over each family; (b,) or (b, k) to (n,) or (n, k)."""
-        return _row_sums(values, self.offsets)
-
-
-def _row_sums(values: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-    """Sum the rows of a compressed-row quantity; empty rows give zero (``np.add.reduceat`` alone would not)."""
-    padded = np.concatenate([values, np.zeros((1, *values.shape[1:]))])
-    sums = np.add.reduceat(padded, offsets[:-1], axis=0)
-    sums[np.diff(offsets) == 0] = 0.0
-    return sums
+        return row_sums(values, self.offsets)
 
 
 def partial_volume(length: np.ndarray, horizon: float | np.ndarray, spacing: np.ndarray, rule: str) -> np.ndarray:
@@ -238,7 +223,7 @@ def build_bonds(
     partial
         ``full``, ``ramp`` or ``thesis``: see :func:`partial_volume`.
     surface
-        ``moment matched``, ``volume``, ``energy`` or ``none``: see the ``*_correction`` functions. Corrections are
+        ``moment matched``, ``volume``, ``energy`` or ``none``: see :mod:`pdhe.corrections`. Corrections are
         those of the body before it is cracked, since faces that form later cannot have one either.
     tangential_ratio
         Tangential over normal bond stiffness; only the ``energy`` correction uses it.
@@ -301,100 +286,6 @@ def build_bonds(
     )  # fmt: skip
 
 
-def moment_correction(offsets, length, nx, ny, volumes, horizon, thickness, order: int = 4) -> np.ndarray:
-    """Weights that give every node the moments of a full isotropic neighbourhood (theory, eq. 3.4).
-
-    With ``w = beta V_j r`` per bond, ``sum w (lambda - 1)^2`` is minimised under ``sum w lambda n..n = the moments of
-    the full disc``. Order 4 makes the elasticity tensor of any affine deformation exact at every node, surface nodes
-    included. A node whose bonds cannot bear the constraints (a row of nodes) gets the least-squares closest.
-    """
-    angular = {2: (0.5, 0.0, 0.5), 4: (3 / 8, 0.0, 1 / 8, 0.0, 3 / 8)}[order]
-    target = thickness * 2.0 * np.pi * horizon**3 / 3.0 * np.array(angular)
-    count, size = offsets.size - 1, order + 1
-    multiplier, moment = np.empty((count, size)), np.empty((count, 2 * size - 1))
-    solved, correction = np.empty(count, bool), np.empty(length.size)
-    moments.match_moments(offsets, length, nx, ny, volumes, target, moment, multiplier, solved)
-    # Where the constraints cannot all be met (rows of nodes), the pseudo-inverse meets those that can.
-    poor = np.flatnonzero(~solved)
-    if poor.size:
-        index = np.arange(size)
-        inverse = np.linalg.pinv(moment[poor][:, index[:, None] + index], rcond=1e-10, hermitian=True)
-        multiplier[poor] = np.einsum("nab,nb->na", inverse, multiplier[poor])
-    moments.apply_multipliers(offsets, nx, ny, multiplier, correction)
-    return correction
-
-
-def joint_correction(
-    offsets, neighbours, length, nx, ny, strength, volume, grading, reference, thickness
-) -> np.ndarray:
-    """Weights that give all nodes the moments of a full neighbourhood at once, and no force in a uniform strain.
-
-    What is matched at each node and then averaged over both ends is matched at neither where nodes are irregular. Here
-    the two ends share one correction, the least that comes close to the five even moments at every node and to four odd
-    ones of zero at those whose family is whole (theory, eqs. 3.8 and 3.9). Conjugate gradients find the multipliers.
-
-    Parameters
-    ----------
-    strength
-        ``beta V_i V_j r``, m^7 (b,), symmetric.
-    reference
-        Horizon that the even moments belong to, m.
-    """
-    count = volume.size
-    whole = grading.depth >= WHOLE_FROM * grading.horizons
-    full = thickness * 2.0 * np.pi * reference**3 / 3.0
-    # Rows of the constraints in units of the full moment; the square root makes every node count by its volume.
-    row = np.empty((count, 9))
-    row[:, :5] = (1.0 / (np.sqrt(volume) * full))[:, None]
-    row[:, 5:] = row[:, :1] * (0.5 * grading.horizons * whole)[:, None]
-    correction, sums = np.empty(length.size), np.empty((count, 9))
-
-    def spread(y: np.ndarray) -> np.ndarray:
-        moments.joint_correction(offsets, neighbours, length, nx, ny, y * row * full, correction)
-        return correction
-
-    def gathered(values: np.ndarray) -> np.ndarray:
-        moments.joint_moments(offsets, length, nx, ny, strength, values, sums)
-        return sums * row
-
-    target = np.zeros((count, 9))
-    target[:, :5] = full * np.array([3 / 8, 0.0, 1 / 8, 0.0, 3 / 8]) * volume[:, None]
-    residual = target * row - gathered(np.ones(length.size))
-    y, direction = np.zeros((count, 9)), residual.copy()
-    square = first = dot(residual, residual)
-    for _ in range(JOINT_ITERATIONS):
-        if square <= JOINT_TOLERANCE**2 * first:
-            break
-        change = gathered(spread(direction)) + JOINT_DAMPING**2 * direction
-        step = square / dot(direction, change)
-        y += step * direction
-        residual -= step * change
-        square, previous = dot(residual, residual), square
-        direction = residual + (square / previous) * direction
-    return 1.0 + spread(y)
-
-
-def volume_correction(offsets, owner, neighbours, volumes, horizon, thickness) -> np.ndarray:
-    """Le and Bobaru's volume method as the thesis uses it: ``2 V0 / (V_i + V_j)`` with ``V0 = pi delta^2 h``."""
-    family = _row_sums(volumes, offsets)
-    return 2.0 * np.pi * horizon**2 * thickness / (family[owner] + family[neighbours])
-
-
-def energy_correction(offsets, owner, neighbours, length, nx, ny, volumes, horizon, thickness, ratio) -> np.ndarray:
-    """Madenci and Oterkus' energy method: classical over discrete energy under uniaxial strain along either axis."""
-    factors = []
-    for axial, cross in ((nx, ny), (ny, nx)):
-        w = volumes * length
-        angle = -axial * cross
-        rotation = _row_sums(w * angle, offsets) / np.maximum(_row_sums(w, offsets), np.finfo(float).tiny)
-        energy = _row_sums(w * (axial**4 + ratio * (angle - rotation[owner]) ** 2), offsets)
-        # Full disc: the means of cos^4 and cos^2 sin^2 are 3/8 and 1/8.
-        exact = thickness * 2.0 * np.pi * horizon**3 / 3.0 * (3.0 + ratio) / 8.0
-        factors.append(exact / np.maximum(energy, np.finfo(float).tiny))
-    gx, gy = (0.5 * (g[owner] + g[neighbours]) for g in factors)
-    return 1.0 / np.sqrt((nx / gx) ** 2 + (ny / gy) ** 2)
-
-
 def _cut_bonds(coordinates, owner, neighbours, cracks, reach) -> np.ndarray:
     """Tell which bonds a crack cuts; only bonds of nodes within reach of a crack are looked at."""
     near = np.zeros(coordinates.shape[0], bool)
@@ -404,52 +295,3 @@ def _cut_bonds(coordinates, owner, neighbours, cracks, reach) -> np.ndarray:
     cut = np.zeros(owner.size, bool)
     cut[rows] = crossed_by(coordinates[owner[rows]], coordinates[neighbours[rows]], cracks)
     return cut
-
-
-def distance_to_segment(points: np.ndarray, start: Sequence[float], end: Sequence[float]) -> np.ndarray:
-    """Distance of points (k, 2) from a segment, m (k,)."""
-    first, along = np.asarray(start, float), np.subtract(end, start)
-    t = np.clip((points - first) @ along / float(along @ along), 0.0, 1.0)
-    return np.hypot(*(points - (first + t[:, None] * along)).T)
-
-
-def crossed_by(start: np.ndarray, end: np.ndarray, cracks: Sequence) -> np.ndarray:
-    """Tell which segments ``start -> end`` (b, 2) cross one of the cracks.
-
-    A bond that only touches a crack's tip is not cut, unless another crack goes on from there. A node that lies on a
-    crack counts as lying on its left, so that a crack through a row of nodes separates it from the row on its right.
-    """
-    crossed = np.zeros(start.shape[0], bool)
-    for index, (a, b) in enumerate(cracks):
-        a, b = np.asarray(a, float), np.asarray(b, float)
-        others = [segment for k, segment in enumerate(cracks) if k != index]
-        along = b - a
-        scale = 1e-12 * max(float(np.abs(np.concatenate([a, b])).max()), float(np.abs(start).max(initial=0.0)))
-        side_start = _side(start - a, along, scale) >= 0
-        side_end = _side(end - a, along, scale) >= 0
-        rows = np.flatnonzero(side_start != side_end)
-        bond = end[rows] - start[rows]
-        at_a, at_b = _side(a - start[rows], bond, scale), _side(b - start[rows], bond, scale)
-        inside = at_a * at_b < 0
-        inside |= (at_a == 0) & (at_b != 0) & _continues(a, others)
-        inside |= (at_b == 0) & (at_a != 0) & _continues(b, others)
-        crossed[rows[inside]] = True
-    return crossed
-
-
-def _side(points: np.ndarray, direction: np.ndarray, scale: float) -> np.ndarray:
-    """Sign of the cross product ``direction x points``; zero within round-off of the coordinates."""
-    value = direction[..., 0] * points[..., 1] - direction[..., 1] * points[..., 0]
-    tolerance = scale * np.hypot(direction[..., 0], direction[..., 1])
-    return np.where(np.abs(value) <= tolerance, 0, np.sign(value)).astype(np.int8)
-
-
-def _continues(tip: np.ndarray, others: Sequence) -> bool:
-    """Tell whether one of the other cracks passes through a tip."""
-    for a, b in others:
-        a, b = np.asarray(a, float), np.asarray(b, float)
-        along = b - a
-        t = np.clip(np.dot(tip - a, along) / np.dot(along, along), 0.0, 1.0)
-        if np.hypot(*(a + t * along - tip)) <= 1e-9 * np.hypot(*along):
-            return True
-    return False

@@ -7,7 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from pdhe.bonds import WEIGHT_LIMITS, Bonds, partial_volume, two_sided_volume
+from pdhe.bonds import Bonds, partial_volume, two_sided_volume
+from pdhe.corrections import WEIGHT_LIMITS
 from pdhe.kernels import diffusion as kernels
 from pdhe.kernels import lattice
 

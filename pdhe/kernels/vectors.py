@@ -27,3 +27,11 @@ def dot(a: np.ndarray, b: np.ndarray) -> float:
     for value in partial:
         total += float(value)
     return total
+
+
+def row_sums(values: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+    """Sum the rows of a compressed-row quantity; empty rows give zero (``np.add.reduceat`` alone would not)."""
+    padded = np.concatenate([values, np.zeros((1, *values.shape[1:]))])
+    sums = np.add.reduceat(padded, offsets[:-1], axis=0)
+    sums[np.diff(offsets) == 0] = 0.0
+    return sums

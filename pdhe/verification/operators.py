@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pdhe.bonds import build_bonds, partial_volume, volume_correction
+from pdhe.bonds import build_bonds, partial_volume
+from pdhe.corrections import volume_correction
 from pdhe.materials import Body, ThesisSpring
 from pdhe.verification.drawing import COLOURS, MARKERS, label, panels
 from pdhe.verification.plates import plate_body, square_plate

@@ -5,7 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
-from pdhe.bonds import build_bonds, partial_volume, volume_correction
+from pdhe.bonds import build_bonds, partial_volume
+from pdhe.corrections import volume_correction
 from tests.lattices import THICKNESS, lattice
 
 SPACING = 1e-3

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from pdhe.bonds import build_bonds, crossed_by, partial_volume
+from pdhe.bonds import build_bonds, partial_volume
 from pdhe.errors import PdheError
+from pdhe.segments import crossed_by
 from tests.lattices import THICKNESS, lattice, make_body
 
 
