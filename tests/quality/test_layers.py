@@ -24,7 +24,7 @@ def test_modules_import_only_from_layers_below():
 def test_only_the_command_line_prints(path):
     calls = [node.func for node in ast.walk(ast.parse(path.read_bytes())) if isinstance(node, ast.Call)]
     prints = [call for call in calls if isinstance(call, ast.Name) and call.id == "print"]
-    assert path.name == "cli.py" or not prints
+    assert path.name == "cli.py" or path.parent.name == "commands" or not prints
 
 
 @pytest.mark.parametrize("path", MODULES, ids=[str(path.relative_to(ROOT)) for path in MODULES])

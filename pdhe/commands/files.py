@@ -1,0 +1,109 @@
+"""Commands that check, list and explain scenes, studies and results."""
+
+import argparse
+import json
+import sys
+
+from pdhe.commands.streams import write
+from pdhe.errors import PdheError
+
+
+def validate(arguments: argparse.Namespace) -> None:
+    """Check scene and study files; every file is checked, also after an error in one of them."""
+    from pdhe.fidelity import leaves_spacing_to_accuracy
+    from pdhe.scene import load_scene
+    from pdhe.study import load_study
+    from pdhe.yamlfile import read_yaml
+
+    failed = 0
+    for file in arguments.files:
+        try:
+            content = read_yaml(file)
+            if isinstance(content, dict) and "check" in content:
+                from pdhe.verification.studies import load_check
+
+                print(f"{file}: check of {load_check(str(file)).topic}")
+            elif isinstance(content, dict) and "tradeoff" in content:
+                from pdhe.tradeoff.design import load_design
+
+                runs = sum(len(list(trade.runs())) for trade in load_design(file).values())
+                print(f"{file}: design with {runs} runs")
+            elif isinstance(content, dict) and "study" in content:
+                print(f"{file}: study with {len(load_study(file).cases)} case(s)")
+            elif isinstance(content, dict) and leaves_spacing_to_accuracy(content):
+                scene = load_scene(file, {"accuracy": None, "fidelity": "fine"})
+                print(f"{file}: scene '{scene.title}', settings left to its accuracy")
+            else:
+                print(f"{file}: scene '{load_scene(file).title}'")
+        except PdheError as error:
+            print(f"error: {error}", file=sys.stderr)
+            failed += 1
+    if failed:
+        raise PdheError(f"{failed} of {len(arguments.files)} file(s) cannot be used")
+
+
+def schema(arguments: argparse.Namespace) -> None:
+    """Write the JSON schema of scene files, for editors that complete and check them."""
+    from pdhe.scene import scene_json_schema
+
+    write(arguments.out, json.dumps(scene_json_schema(), indent=2) + "\n")
+
+
+def index(arguments: argparse.Namespace) -> None:
+    """Write the table of the cases of a study, with how each ended where the solutions are given."""
+    from pdhe.study import load_study
+
+    study = load_study(arguments.study)
+    outcomes = {}
+    if arguments.solutions:
+        from pdhe.post import summary
+        from pdhe.results import open_result
+
+        for solve_id in {case.solve_id for case in study.cases}:
+            with open_result(arguments.solutions / f"{solve_id}.nc") as result:
+                outcomes[solve_id] = {key: value for key, value in summary(result).items() if key != "title"}
+    write(arguments.out, study.table(outcomes))
+
+
+def diagnose(arguments: argparse.Namespace) -> None:
+    """Explain a result: what broke or how far from it, energy, hydrogen, work, origin."""
+    from pdhe.diagnosis import diagnose as explain
+
+    for path in arguments.files:
+        print(explain(path))
+
+
+def verify(arguments: argparse.Namespace) -> None:
+    """Tell which results no longer match their hashes, their names, or the code and versions that made them."""
+    from pdhe.store import check, solutions_and_nodes
+
+    files = solutions_and_nodes(arguments.results)
+    problems = 0
+    for path in files:
+        for problem in check(path):
+            print(f"{path}: {problem}")
+            problems += 1
+    if problems:
+        raise PdheError(
+            f"{problems} mismatch(es) in {len(files)} file(s); what is deleted, the workflow computes again"
+        )
+    print(f"{len(files)} file(s) match")
+
+
+def gc(arguments: argparse.Namespace) -> None:
+    """List the results that no study refers to, or remove them."""
+    from pdhe.store import configured_studies, size_of, unused
+
+    studies = arguments.studies or configured_studies()
+    found = unused(arguments.results, studies)
+    total = 0
+    for path in found:
+        size = size_of(path)
+        total += size
+        print(f"{size / 1e6:9.1f} MB  {path}")
+    did = "removed" if arguments.remove else "could be removed with --remove"
+    if arguments.remove:
+        from pdhe.store import remove
+
+        remove(found)
+    print(f"{total / 1e6:9.1f} MB in {len(found)} place(s) {did}; {len(studies)} study file(s) refer to the rest")

@@ -1,0 +1,136 @@
+"""Commands that compute a scene, step by step or whole, and those that say beforehand what it takes."""
+
+import argparse
+import json
+import shlex
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from pdhe.commands.streams import progress, read_object, ready
+from pdhe.errors import PdheError
+
+ESTIMATE_FROM = 5000
+"""Nodes from which a result carries an estimate of its error: shorter runs take less than loading what it needs."""
+
+
+def mesh(arguments: argparse.Namespace) -> None:
+    """Mesh a geometry."""
+    from pdhe.mesh import make_mesh
+
+    spec = read_object(arguments.spec, "--spec")
+    geometry, mesh_block = _mesh_blocks(spec)
+    make_mesh(geometry, mesh_block, ready(arguments.out))
+
+
+def nodes(arguments: argparse.Namespace) -> None:
+    """Turn a mesh into nodes with volumes and node sets."""
+    from pdhe.discretization import discretize, write_discretization
+
+    spec = read_object(arguments.spec, "--spec")
+    write_discretization(discretize(arguments.mesh, *_mesh_blocks(spec)), ready(arguments.out))
+
+
+def solve(arguments: argparse.Namespace) -> None:
+    """Solve a scene on given nodes."""
+    from pdhe.discretization import read_discretization
+    from pdhe.scene import Scene
+    from pdhe.simulation import solve_case
+
+    out = ready(arguments.out)
+    scene = Scene.from_resolved({"title": out.stem, **read_object(arguments.spec, "--spec")})
+    # The scene itself stands in the result.
+    command = shlex.join(["pdhe", "solve", "--spec", "SCENE", "--nodes", str(arguments.nodes), "--out", str(out)])
+    solve_case(scene, read_discretization(arguments.nodes), out, progress, command, _estimated(scene))
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Mesh and solve one scene file without the workflow."""
+    from pdhe.discretization import discretize
+    from pdhe.mesh import make_mesh
+    from pdhe.scene import load_scene
+    from pdhe.simulation import solve_case
+
+    out = ready(arguments.out)
+    changes, remarks = _chosen(arguments.scene)
+    scene = load_scene(arguments.scene, changes)
+    mesh_file = out.with_suffix(".msh")
+    make_mesh(scene.geometry, scene.mesh, mesh_file)
+    command = shlex.join(["pdhe", "run", str(arguments.scene), "--out", str(out)])
+    solve_case(
+        scene, discretize(mesh_file, scene.geometry, scene.mesh), out, progress, command, remarks or _estimated(scene)
+    )
+
+
+def choose(arguments: argparse.Namespace) -> None:
+    """Find the settings with which a scene is as accurate as it asks for, by runs on coarse meshes."""
+    from pdhe.tradeoff.choose import choose as choose_settings
+
+    choice = choose_settings(arguments.scene, progress)
+    print(choice.text())
+
+
+def plan(arguments: argparse.Namespace) -> None:
+    """Tell what a scene would compute, and at what cost."""
+    from pdhe.case import build_case
+    from pdhe.discretization import discretize
+    from pdhe.forecast import make_forecast
+    from pdhe.mesh import make_mesh
+    from pdhe.plan import make_plan
+    from pdhe.scene import load_scene
+    from pdhe.simulation import fly_pilot
+    from pdhe.tradeoff.choose import estimate
+
+    scene = load_scene(arguments.scene, _chosen(arguments.scene)[0])
+    with tempfile.TemporaryDirectory() as folder:
+        mesh_file = Path(folder, "plan.msh")
+        make_mesh(scene.geometry, scene.mesh, mesh_file)
+        case = build_case(scene, discretize(mesh_file, scene.geometry, scene.mesh))
+    pilot = fly_pilot(scene, case.discretization.volume.size)
+    expected = make_forecast(case, pilot)
+    print(make_plan(case, pilot, expected))
+    seconds = expected.seconds
+    print("expected time: seconds" if seconds is None else f"expected time: {seconds:.3g} s of one thread")
+    errors = estimate(scene)
+    told = ", ".join(f"{name} {100.0 * error:.2g} %" for name, error in errors.items())
+    print(f"expected error of the mesh: {told or 'not estimated (docs/tradeoff.md)'}")
+
+
+def _chosen(scene: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Settings of a scene that leaves them to its accuracy, and what its result tells of them; nothing otherwise."""
+    from pdhe.fidelity import leaves_spacing_to_accuracy
+    from pdhe.scene_reading import read_scene_file
+
+    if not leaves_spacing_to_accuracy(read_scene_file(scene)):
+        return {}, {}
+    from pdhe.tradeoff.choose import choose as choose_settings
+
+    choice = choose_settings(scene, progress)
+    progress(choice.text())
+    errors = json.dumps(choice.errors, sort_keys=True)
+    return choice.changes, {"choice": choice.text(), "predicted_error": choice.predicted, "predicted_errors": errors}
+
+
+def _estimated(scene: Any) -> dict[str, Any]:
+    """What a result tells of its own error: nothing where a run is too short for the pilot runs that it takes."""
+    plate = scene.geometry
+    if plate.width * plate.height < ESTIMATE_FROM * scene.mesh.spacing**2:
+        return {}
+    from pdhe.tradeoff.choose import estimate
+
+    errors = estimate(scene)
+    return {"predicted_error": max(errors.values()), "predicted_errors": json.dumps(errors)} if errors else {}
+
+
+def _mesh_blocks(spec: dict) -> tuple[Any, Any]:
+    """Return the geometry and mesh blocks of a stage description as the objects the scene has."""
+    from pdhe.scene import Geometry, Mesh
+    from pdhe.scene_reading import reporting
+
+    blocks: list[Any] = []
+    for name, block in (("geometry", Geometry), ("mesh", Mesh)):
+        if name not in spec:
+            raise PdheError(f"--spec has no block '{name}'")
+        with reporting("--spec", spec[name]):
+            blocks.append(block.model_validate(spec[name], context={"si": True}))
+    return blocks[0], blocks[1]
