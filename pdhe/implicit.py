@@ -7,11 +7,10 @@ import warnings
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
 from pdhe.errors import SimulationError
 from pdhe.kernels.vectors import dot
-from pdhe.solvers import FACTORISE_UP_TO, SHORT_REACH
+from pdhe.solvers import SHORT_REACH, SMOOTH, coarse_inverse
 from pdhe.transport import Diffusion
 
 #: The coefficient that makes two equal stages of second order and damp the shortest waves completely.
@@ -51,12 +50,12 @@ class ImplicitStepper:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             hierarchy = pyamg.smoothed_aggregation_solver(
-                short, B=self._free[:, None].copy(), smooth=("jacobi", {"weighting": "local"}),
-                improve_candidates=None, max_levels=2, max_coarse=50,
-            )  # fmt: skip
+                short, B=self._free[:, None].copy(), smooth=SMOOTH, improve_candidates=None, max_levels=2, max_coarse=50
+            )
         whole = sp.identity(held.size, format="csr")
         self._prolongate = hierarchy.levels[0].P.tocsr() if len(hierarchy.levels) > 1 else whole
         self._restrict = self._prolongate.T.tocsr()
+        self._modes = hierarchy.levels[-1].B
         self._mass = self._restrict @ sp.diags(diffusion.volume * self._free) @ self._prolongate
         self._flow = self._restrict @ sp.diags(self._free) @ short @ self._prolongate
 
@@ -86,17 +85,8 @@ class ImplicitStepper:
             return
         coarse = self._mass + dt * self._flow
         scale = coarse.diagonal()
-        coarse = (coarse + sp.diags(np.where(scale > 0.0, 0.0, 1.0))).tocsc()
-        if coarse.shape[0] <= FACTORISE_UP_TO:
-            self._solve_coarse = splu(coarse, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).solve
-        else:
-            import pyamg
-
-            cycle = pyamg.smoothed_aggregation_solver(
-                coarse.tocsr(), smooth=("jacobi", {"weighting": "local"}), improve_candidates=None,
-                max_coarse=1000, coarse_solver="splu",
-            )  # fmt: skip
-            self._solve_coarse = cycle.aspreconditioner(cycle="V").matvec
+        coarse = coarse + sp.diags(np.where(scale > 0.0, 0.0, 1.0))
+        self._solve_coarse = coarse_inverse(coarse, self._modes)
         self.factored = dt
 
     def _solve(self, psi: np.ndarray, residual: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -24,6 +24,8 @@ COARSE_SHIFT = 1e-9
 #: Unknowns up to which the coarse operator is factorised; beyond, one multigrid cycle stands for its inverse. A factor
 #: costs more than linearly; at this size, some 100,000 nodes, both take about as long.
 FACTORISE_UP_TO = 35_000
+#: How prolongation is smoothed: the default would estimate a spectral radius from random vectors.
+SMOOTH = ("jacobi", {"weighting": "local"})
 #: The coarse operator is rebuilt once the solves since the last time took so many iterations more, in all, than the
 #: shortest of them: about what building costs.
 REBUILD_AFTER = 30
@@ -67,12 +69,11 @@ class Preconditioner:
         modes[:, 0, 0] = modes[:, 1, 1] = 1.0
         modes[:, 0, 2], modes[:, 1, 2] = -centred[:, 1], centred[:, 0]
         modes = (modes * self.free[:, :, None]).reshape(2 * n, 3)
-        smooth = ("jacobi", {"weighting": "local"})  # the default would estimate a spectral radius from random vectors
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             # Rigid motions need no improving sweeps: with and without, iterations are the same (5e3 to 3e5 nodes).
             hierarchy = pyamg.smoothed_aggregation_solver(
-                matrix, B=modes, smooth=smooth, improve_candidates=None, max_levels=2, max_coarse=50
+                matrix, B=modes, smooth=SMOOTH, improve_candidates=None, max_levels=2, max_coarse=50
             )
         if len(hierarchy.levels) == 1:
             self.prolongate, coarse = sp.identity(2 * n, format="csr"), matrix.tocsc()
@@ -83,26 +84,41 @@ class Preconditioner:
         scale = coarse.diagonal()
         shift = COARSE_SHIFT * float(scale.max(initial=0.0)) + np.where(scale > 0.0, 0.0, 1.0)
         coarse = (coarse + sp.diags(shift)).tocsc()
-        if coarse.shape[0] <= FACTORISE_UP_TO:
-            options = {"SymmetricMode": True}
-            self._solve_coarse = splu(coarse, permc_spec="MMD_AT_PLUS_A", options=options).solve
-            self.restrict = self.prolongate.T.tocsr()  # 2 % faster than the view below
-        else:
-            # Forward sweeps before and backward ones after keep the cycle symmetric, at half the sweeps of the default.
-            before, after = (("block_gauss_seidel", {"sweep": sweep}) for sweep in ("forward", "backward"))
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                cycle = pyamg.smoothed_aggregation_solver(
-                    coarse.tobsr((3, 3)), B=coarse_modes, smooth=smooth, improve_candidates=None, presmoother=before,
-                    postsmoother=after, max_coarse=1000, coarse_solver="splu",
-                )  # fmt: skip
-            self._solve_coarse = partial(_cycle, cycle)
-            self.restrict = self.prolongate.T
+        self._solve_coarse = coarse_inverse(coarse, coarse_modes)
+        # A copy is 2 % faster than a view; where the coarse operator is large, the view saves memory.
+        self.restrict = self.prolongate.T.tocsr() if coarse.shape[0] <= FACTORISE_UP_TO else self.prolongate.T
 
     def __call__(self, residual: np.ndarray) -> np.ndarray:
         """Apply to a residual, N (n, 2); gives a displacement, m (n, 2)."""
         coarse = self._solve_coarse(self.restrict @ residual.reshape(-1))
         return ((self.prolongate @ coarse).reshape(residual.shape) + self.inverse_diagonal * residual) * self.free
+
+
+def coarse_inverse(matrix: sp.spmatrix, modes: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """Return what solves with a coarse operator: its factors where it is small, else one multigrid cycle, symmetric.
+
+    Parameters
+    ----------
+    matrix
+        Symmetric and positive definite (m, m).
+    modes
+        Its near-null space (m, k); unknowns come in blocks of k.
+    """
+    if matrix.shape[0] <= FACTORISE_UP_TO:
+        return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).solve
+    import pyamg
+
+    size = modes.shape[1]
+    smoother = "gauss_seidel" if size == 1 else "block_gauss_seidel"
+    # Forward sweeps before and backward ones after keep the cycle symmetric, at half the sweeps of the default.
+    before, after = ((smoother, {"sweep": sweep}) for sweep in ("forward", "backward"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        hierarchy = pyamg.smoothed_aggregation_solver(
+            matrix.tocsr() if size == 1 else matrix.tobsr((size, size)), B=modes, smooth=SMOOTH,
+            improve_candidates=None, presmoother=before, postsmoother=after, max_coarse=1000, coarse_solver="splu",
+        )  # fmt: skip
+    return partial(_cycle, hierarchy)
 
 
 def _cycle(hierarchy: Any, b: np.ndarray, level: int = 0) -> np.ndarray:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pdhe import implicit, supersteps
+from pdhe import solvers, supersteps
 from pdhe.bonds import build_bonds
 from pdhe.implicit import ImplicitStepper
 from pdhe.supersteps import SuperStepper
@@ -19,11 +19,15 @@ COLUMNS, ROWS, SPACING, DIFFUSIVITY = 24, 8, 1e-3, 1e-9
 
 @pytest.fixture(scope="module")
 def slab():
-    x = lattice(COLUMNS, ROWS, SPACING)
+    return plate(COLUMNS, ROWS)
+
+
+def plate(columns, rows):
+    x = lattice(columns, rows, SPACING)
     volume, spacing = np.full(len(x), SPACING**2 * THICKNESS), np.full(len(x), SPACING)
     bonds = build_bonds(x, volume, spacing, THICKNESS, 3.015 * SPACING, surface="none")
-    edges = {"left": Edge(0, 0.0), "right": Edge(0, COLUMNS * SPACING)}
-    edges |= {"bottom": Edge(1, 0.0), "top": Edge(1, ROWS * SPACING)}
+    edges = {"left": Edge(0, 0.0), "right": Edge(0, columns * SPACING)}
+    edges |= {"bottom": Edge(1, 0.0), "top": Edge(1, rows * SPACING)}
     return build_diffusion(bonds, x, volume, spacing, THICKNESS, DIFFUSIVITY, "inverse square", "full", edges, {"left"})
 
 
@@ -134,17 +138,18 @@ def test_no_step_is_too_long_for_implicit_ones(slab, monkeypatch):
     assert max(counts) <= 60, counts  # measured 49, 55, 59
 
 
-def test_a_cycle_may_stand_for_the_factor_of_the_coarse_operator(slab, monkeypatch):
+def test_a_cycle_may_stand_for_the_factor_of_the_coarse_operator(monkeypatch):
+    slab = plate(120, 100)  # so many nodes that a cycle has two levels and is not exact
     held, source = np.zeros(slab.volume.size, bool), slab.source({"left": 0.4})
     psi, ends, counts = np.random.default_rng(0).uniform(size=held.size), [], []
     rate, _ = SuperStepper(slab, held, source).rates(psi)
-    for largest in (implicit.FACTORISE_UP_TO, 0):
-        monkeypatch.setattr(implicit, "FACTORISE_UP_TO", largest)
+    for largest in (solvers.FACTORISE_UP_TO, 0):
+        monkeypatch.setattr(solvers, "FACTORISE_UP_TO", largest)
         stepper = ImplicitStepper(slab, held, source)
         ends.append(stepper.step(psi, rate, 1e4 * slab.stable_step(held))[1])
         counts.append(stepper.iterations)
-    assert np.abs(ends[0] - ends[1]).max() < 1e-11  # measured 1e-15: the cycle is exact on so few nodes
-    assert counts[1] <= counts[0] + 10
+    assert np.abs(ends[0] - ends[1]).max() < 1e-11  # measured 6e-15
+    assert counts[0] < counts[1] <= counts[0] + 10  # measured 60 and 64
 
 
 @pytest.mark.filterwarnings("error")
