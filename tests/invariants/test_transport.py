@@ -10,6 +10,8 @@ from pdhe.bonds import build_bonds
 from pdhe.transport import KERNELS, Diffusion, DiffusionStep, Edge, build_diffusion
 from tests.lattices import lattice
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 SPACING, THICKNESS, DIFFUSIVITY = 1e-3, 4e-3, 0.84e-9
 COLUMNS, ROWS = 11, 8
 SIDES = ("left", "right", "bottom", "top")
@@ -47,15 +49,6 @@ def march(diffusion: Diffusion, psi, edge_values: dict[str, float], held, dt: fl
         diffusion.step(psi, dt, held, source, new, supply)
         psi, new = new, psi
     return psi, supply
-
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    """Bodies of a hundred nodes gain nothing from threads, and lose much on a busy machine."""
-    before = numba.get_num_threads()
-    numba.set_num_threads(1)
-    yield
-    numba.set_num_threads(before)
 
 
 @pytest.fixture(params=KERNELS, ids=list(KERNELS))

@@ -123,19 +123,24 @@ def test_the_reference_horizon_is_a_matter_of_units(graded):
     assert np.abs(forces[1] - forces[0]).max() < 1e-6 * np.abs(forces[0]).max()
 
 
-@pytest.mark.parametrize("kernel", KERNELS)
-@pytest.mark.parametrize("prescribed", [(), ("left",), ("left", "bottom")])
-def test_hydrogen_is_conserved_and_keeps_its_bounds(graded, kernel, prescribed):
+def make_diffusion(graded, kernel, prescribed):
     plate, reference, grading = graded
     bonds = build_bonds(
         plate.coordinates, plate.volume, plate.spacing, THICKNESS, reference, partial="ramp", surface="none",
         grading=grading,
     )  # fmt: skip
     edges = {"left": Edge(0, 0.0), "right": Edge(0, WIDTH), "bottom": Edge(1, 0.0), "top": Edge(1, HEIGHT)}
-    diffusion = build_diffusion(
+    return build_diffusion(
         bonds, plate.coordinates, plate.volume, plate.spacing, THICKNESS, 0.84e-9, kernel, "ramp", edges,
         set(prescribed),
     )  # fmt: skip
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+@pytest.mark.parametrize("prescribed", [(), ("left",), ("left", "bottom")])
+def test_hydrogen_is_conserved_and_keeps_its_bounds(graded, kernel, prescribed):
+    plate, diffusion = graded[0], make_diffusion(graded, kernel, prescribed)
+    bonds = diffusion.bonds
     exchanged = diffusion.rate * plate.volume[bonds.owners()]
     assert exchanged.min() >= 0.0
     assert exchanged[bonds.reverse] == pytest.approx(exchanged, rel=1e-12)
@@ -152,16 +157,8 @@ def test_hydrogen_is_conserved_and_keeps_its_bounds(graded, kernel, prescribed):
 
 def test_a_linear_coverage_stays(graded):
     """The flux between edges of 0 and 1 through fine and coarse parts: the steady state is nearly the straight line."""
-    plate, reference, grading = graded
-    bonds = build_bonds(
-        plate.coordinates, plate.volume, plate.spacing, THICKNESS, reference, partial="ramp", surface="none",
-        grading=grading,
-    )  # fmt: skip
-    edges = {"left": Edge(0, 0.0), "right": Edge(0, WIDTH), "bottom": Edge(1, 0.0), "top": Edge(1, HEIGHT)}
-    diffusion = build_diffusion(
-        bonds, plate.coordinates, plate.volume, plate.spacing, THICKNESS, 0.84e-9, "inverse square", "ramp", edges,
-        {"left", "right"},
-    )  # fmt: skip
+    plate, diffusion = graded[0], make_diffusion(graded, "inverse square", ("left", "right"))
+    bonds = diffusion.bonds
     matrix = np.diag(-diffusion.sink() - np.bincount(bonds.owners(), diffusion.rate, plate.volume.size))
     matrix[bonds.owners(), bonds.neighbours] += diffusion.rate
     psi = np.linalg.solve(matrix, -diffusion.source({"left": 0.0, "right": 1.0}))

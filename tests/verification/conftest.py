@@ -1,13 +1,8 @@
-"""Settings of the verification tests."""
+"""Settings of the tests of the verification."""
 
-import numba
 import pytest
 
 
 @pytest.fixture(autouse=True)
-def one_thread():
-    """Bodies of a few hundred nodes gain nothing from threads, and lose much on a busy machine."""
-    before = numba.get_num_threads()
-    numba.set_num_threads(1)
-    yield
-    numba.set_num_threads(before)
+def in_one_thread(one_thread):
+    """All of these tests run in one thread."""

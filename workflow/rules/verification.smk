@@ -52,10 +52,14 @@ rule verification_page:
         "../envs/pdhe.yaml"
     params:
         folders=[f"results/verification/{topic}" for topic in CHECKS],
-        docs="" if "check" in config or not config.get("verification_docs") else f"--docs {config['verification_docs']}",
+        docs=(
+            ["--docs", config["verification_docs"]]
+            if config.get("verification_docs") and "check" not in config
+            else []
+        ),
         code=fingerprint("pdhe.verification.page"),
     shell:
-        "python -m pdhe page {params.folders:q} --out {output:q} {params.docs} > {log:q} 2>&1"
+        "python -m pdhe page {params.folders:q} --out {output:q} {params.docs:q} > {log:q} 2>&1"
 
 
 rule verdict:
