@@ -431,6 +431,6 @@ def test_nothing_that_has_a_history_is_forgotten(tmp_path):
     stepper = ImplicitStepper(stepper.diffusion, stepper.held, stepper.source)
     given = {"diffusion", "held", "source", "_free", "_outflow", "_nothing", "_unused", "_prolongate", "_restrict"}
     # Of the iterations, only differences count.
-    assert vars(stepper).keys() - given - {"_mass", "_flow", "iterations"} == {"factored"}
+    assert vars(stepper).keys() - given - {"_mass", "_flow", "_modes", "iterations"} == {"factored"}
     simple = {"float", "int", "np.ndarray", "np.ndarray | None"}
     assert [field.name for field in fields(State) if field.type not in simple] == ["stepper"]
