@@ -12,7 +12,7 @@ from pdhe.damage import FailureRule, critical_stretch, crossing_sum, stretch_fac
 from pdhe.discretization import Discretization
 from pdhe.embrittlement import LAWS, resistance
 from pdhe.errors import SceneError
-from pdhe.materials import MODELS, Body
+from pdhe.materials import MODELS, Body, make_body
 from pdhe.relaxation import DynamicRelaxation
 from pdhe.scene import Scene
 from pdhe.sizing import SizeField
@@ -99,8 +99,8 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
             d.coordinates,
             (scene.geometry.width, scene.geometry.height),
         )
-        body = Body(bonds, model, d.coordinates, d.volume, PRECISIONS[scene.solver.precision])
-        if body.tangential < 0.0:
+        body = make_body(bonds, model, d.coordinates, d.volume, PRECISIONS[scene.solver.precision])
+        if body.can_be_indefinite:
             _require_positive_stiffness(scene, body, ~conditions.fixed)
         equilibrium = SOLVERS[scene.solver.method](
             body, conditions.fixed, d.coordinates, d.spacing, scene.solver.tolerance, scene.solver.max_iterations

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdhe.bonds import Bonds
-from pdhe.materials import Body, CondensedRotation
+from pdhe.materials import Body, Model
+from pdhe.materials.body import load_of
 
 
 def crossing_sum(bonds: Bonds, volume: np.ndarray) -> float:
@@ -35,7 +36,7 @@ def crossing_sum(bonds: Bonds, volume: np.ndarray) -> float:
     return float(0.5 * across.min() / volume[interior].sum())
 
 
-def critical_stretch(model: CondensedRotation, crossing: float, toughness: float, calibration: str) -> float:
+def critical_stretch(model: Model, crossing: float, toughness: float, calibration: str) -> float:
     """Critical stretch of a dry bond for a fracture energy ``toughness``, J/m^2.
 
     ``continuum`` uses the integral over a full disc, ``G = k_n s_c^2 h delta^4 / 4`` (theory, eq. 5.3); ``discrete``
@@ -128,43 +129,40 @@ class Candidates:
         self, body: Body, rule: FailureRule, u0: np.ndarray, u1: np.ndarray, psi: np.ndarray | None = None
     ) -> None:
         self.rule = rule
-        self.ratio_of_moduli = body.tangential / body.normal
         breakable = rule.may_fail & body.intact
         least = rule.least(rule.weakest if psi is None else rule.resistance_at(psi), body.bonds.node_count)
-        top, theta0 = body.largest_ratios(u0, rule.by_energy, breakable, least)
-        theta1 = None
+        top, nodes0 = body.largest_ratios(u0, rule.by_energy, breakable, least)
+        nodes1 = None
         if u1 is not u0:
-            end, theta1 = body.largest_ratios(u1, rule.by_energy, breakable, least)
+            end, nodes1 = body.largest_ratios(u1, rule.by_energy, breakable, least)
             top = np.maximum(top, end)
         self.bond, self.i, self.j = _bonds_of(body.bonds, np.flatnonzero(top >= 1.0), breakable)
-        self.share_i, self.share_j = body.share[self.i], body.share[self.j]
-        self.start = body.bond_parts(u0, self.bond, self.i, theta0)
-        self.change = None if theta1 is None else body.bond_parts(u1, self.bond, self.i, theta1) - self.start
+        self.measure = body.measure(self.bond, self.i)
+        self.start = body.bond_parts(u0, self.bond, self.i, nodes0)
+        self.change = None if nodes1 is None else body.bond_parts(u1, self.bond, self.i, nodes1) - self.start
         self._resting = None
         load = self.load(0.0) if self.change is None else np.maximum(self.load(0.0), self.load(1.0))
         keep = load >= np.minimum(least[self.i], least[self.j])
         self.bond, self.i, self.j = self.bond[keep], self.i[keep], self.j[keep]
-        self.share_i, self.share_j = self.share_i[keep], self.share_j[keep]
+        self.measure = body.measure(self.bond, self.i)
         self.start = self.start[:, keep]
         if self.change is None:
             self._resting = load[keep]
         else:
             self.change = self.change[:, keep]
-        self.stiffness = body.normal * body.bonds.weight[self.bond] * body.bonds.length[self.bond]
 
-    def _strains(self, fraction: float) -> tuple[np.ndarray, np.ndarray]:
-        parts = self.start if self.change is None else self.start + fraction * self.change
-        return _strains(parts, self.share_i, self.share_j, self.ratio_of_moduli)
+    def _parts(self, fraction: float) -> np.ndarray:
+        return self.start if self.change is None else self.start + fraction * self.change
 
     def load(self, fraction: float) -> np.ndarray:
         """Load of each candidate at a fraction of the way from ``u0`` to ``u1``, (k,) (theory, eq. 5.2)."""
         if self._resting is not None:
             return self._resting
-        return _load(*self._strains(fraction), self.rule.by_energy)
+        return load_of(self._parts(fraction), self.measure, self.rule.by_energy)
 
     def energy(self, fraction: float) -> np.ndarray:
         """Elastic energy of each candidate, J (k,) (theory, eq. 2.1)."""
-        return 0.5 * self.stiffness * self._strains(fraction)[1]
+        return 0.5 * self.measure.stiffness * self.measure.square(self._parts(fraction))
 
     def ratio(self, fraction: float, psi: np.ndarray | None) -> np.ndarray:
         """Load over resistance of each candidate, (k,): a bond breaks at 1.
@@ -186,31 +184,16 @@ def nearest_failure(body: Body, rule: FailureRule, u: np.ndarray, psi: np.ndarra
     """
     breakable = rule.may_fail & body.intact
     least = rule.least(rule.resistance_at(psi), body.bonds.node_count)
-    bound, theta = body.largest_ratios(u, rule.by_energy, breakable, least)
+    bound, parts = body.largest_ratios(u, rule.by_energy, breakable, least)
     largest, top = 0.0, float(bound.max(initial=0.0))
     # The node with the highest bound first; then all whose bound exceeds what it has.
     for nodes in (np.flatnonzero(bound == top)[:1], np.flatnonzero(bound > 0.0)):
         bond, i, j = _bonds_of(body.bonds, nodes[bound[nodes] > largest], breakable)
         if bond.size:
-            stretch, square = _strains(
-                body.bond_parts(u, bond, i, theta), body.share[i], body.share[j], body.tangential / body.normal
-            )
-            load = _load(stretch, square, rule.by_energy)
+            load = load_of(body.bond_parts(u, bond, i, parts), body.measure(bond, i), rule.by_energy)
             critical = rule.resistance_at(None if psi is None else 0.5 * (psi[i] + psi[j]), bond)
             largest = max(largest, float((load / critical).max()))
     return largest
-
-
-def _strains(parts: np.ndarray, share_i: np.ndarray, share_j: np.ndarray, ratio: float):
-    """Stretch, and the squared stretch that has the same energy, shear included."""
-    stretch, angle_i, angle_j = parts
-    return stretch, stretch**2 + ratio * 0.5 * (share_i * angle_i**2 + share_j * angle_j**2)
-
-
-def _load(stretch: np.ndarray, square: np.ndarray, by_energy: bool) -> np.ndarray:
-    if by_energy:
-        return np.where(stretch > 0.0, np.sqrt(np.maximum(square, 0.0)), 0.0)
-    return np.maximum(stretch, 0.0)
 
 
 def _bonds_of(bonds: Bonds, nodes: np.ndarray, among: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -64,20 +64,5 @@ class DynamicRelaxation(Equilibrium):
 
 
 def fictitious_mass(body: Body) -> np.ndarray:
-    """Mass that keeps a unit step stable, N/m (n, 2): a quarter of Gershgorin's bound on each row (theory, eq. 7.5).
-
-    The rows are those of the bond with the node rotations held. Condensing the rotations out subtracts a positive
-    semi-definite matrix where the tangential stiffness is positive, so that the largest eigenvalue can only fall; where
-    it is negative, its magnitude is added instead.
-    """
-    b = body.bonds
-    scale, cross = body.cubed * b.length**2, np.abs(b.nx * b.ny)
-    normal, tangential = body.normal, abs(body.tangential)
-    rows = np.column_stack(
-        [
-            scale * (normal * b.nx**2 + tangential * b.ny**2 + (normal + tangential) * cross),
-            scale * (normal * b.ny**2 + tangential * b.nx**2 + (normal + tangential) * cross),
-        ]
-    )
-    # Each row holds the bonds twice: in the diagonal block and in the blocks beside it.
-    return 0.25 * MASS_SAFETY * 2.0 * b.sum_by_node(rows)
+    """Mass that keeps a unit step stable, N/m (n, 2): a quarter of Gershgorin's bound on each row (theory, eq. 7.5)."""
+    return 0.25 * MASS_SAFETY * body.stiffness_rows()

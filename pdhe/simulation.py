@@ -405,7 +405,7 @@ def record(case: Case, state: State, recorder: Recorder, snapshot: bool) -> None
     if case.rule is not None:
         phi = case.body.damage()
         fields["damage"] = phi
-        if snapshot and state.broken_bonds and case.body.tangential < 0.0:
+        if snapshot and state.broken_bonds and case.body.can_be_indefinite:
             _check_stability(case)
         nearest = nearest_failure(case.body, case.rule, state.displacement, state.coverage)
         row |= {

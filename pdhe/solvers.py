@@ -292,7 +292,7 @@ class Equilibrium:
         )
 
     def _hint(self, far: bool, iterations: int) -> str:
-        if far and iterations < self.max_iterations and self.body.tangential < 0.0:
+        if far and iterations < self.max_iterations and self.body.can_be_indefinite:
             return INDEFINITE
         if far or iterations == self.max_iterations:
             return "raise solver.max_iterations or solver.tolerance"

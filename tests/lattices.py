@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pdhe import materials
 from pdhe.bonds import build_bonds
 from pdhe.materials import MODELS, Body
 
@@ -41,7 +42,7 @@ def make_body(
         coordinates, volume, np.full(len(coordinates), spacing), THICKNESS, horizon,
         tangential_ratio=law.tangential_ratio, cracks=cracks, **options,
     )  # fmt: skip
-    body = Body(bonds, law, coordinates, volume)
+    body = materials.make_body(bonds, law, coordinates, volume)
     if break_share:
         once = np.flatnonzero(bonds.owners() < bonds.neighbours)
         body.break_bonds(rng.choice(once, int(break_share * once.size), replace=False))

@@ -18,7 +18,7 @@ from pdhe.benchmarks.problems import mode_i
 from pdhe.benchmarks.timing import counted, in_turns, ratio, sample_table, shown
 from pdhe.bonds import build_bonds
 from pdhe.kernels.jit import kernel
-from pdhe.materials import Body
+from pdhe.materials import make_body
 from pdhe.simulation import simulate
 from pdhe.verification.drawing import COLOURS, label, panels
 from pdhe.verification.notched import plate_with_cracks
@@ -96,7 +96,7 @@ def _sweep(case: Any, order: np.ndarray, u: np.ndarray) -> Callable[[], Any]:
     d, model = case.discretization, case.body.model
     x, volume = d.coordinates[order], d.volume[order]
     bonds = build_bonds(x, volume, d.spacing[order], d.thickness, case.bonds.horizon, partial="ramp", surface="none")
-    body, moved = Body(bonds, model, x, volume), np.ascontiguousarray(u[order])
+    body, moved = make_body(bonds, model, x, volume), np.ascontiguousarray(u[order])
     return partial(body.force, moved, np.empty_like(moved))
 
 
@@ -121,7 +121,7 @@ def _stored(case: Any, u: np.ndarray) -> tuple[dict[str, Callable[[], Any]], dic
     d = case.discretization
     bonds = build_bonds(d.coordinates, d.volume, d.spacing, d.thickness, case.bonds.horizon, partial="ramp",
                         surface="none")  # fmt: skip
-    body = Body(bonds, case.body.model, d.coordinates, d.volume)
+    body = make_body(bonds, case.body.model, d.coordinates, d.volume)
     i, j, half = bonds.owners(), bonds.neighbours, 0.5 * body.tangential
     dx, dy = bonds.length * bonds.nx, bonds.length * bonds.ny
     normal, across = body.cubed * body.normal, body.cubed * half * (body.share[i] + body.share[j])

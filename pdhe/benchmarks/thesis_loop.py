@@ -20,7 +20,7 @@ from pdhe.benchmarks.timing import counted, in_turns, ratio, sample_table, secon
 from pdhe.bonds import build_bonds, partial_volume
 from pdhe.damage import Candidates, FailureRule, critical_stretch, crossing_sum
 from pdhe.embrittlement import LAWS, resistance
-from pdhe.materials import Body, ThesisSpring
+from pdhe.materials import Body, ThesisSpring, make_body
 from pdhe.transport import Diffusion
 from pdhe.verification.drawing import COLOURS, label, panels
 from pdhe.verification.report import Report
@@ -78,7 +78,7 @@ def problem(columns: int, ratio_to_spacing: float, gather: bool) -> Problem:
     )  # fmt: skip
     if gather:
         bonds = replace(bonds, lattice=None)
-    body = Body(bonds, model, coordinates, volume)
+    body = make_body(bonds, model, coordinates, volume)
     share = partial_volume(bonds.length, horizon, np.full(bonds.length.size, spacing), "thesis")
     rate = exchange_constant(horizon) * share * volume[bonds.neighbours] / bonds.length**2
     held = (np.abs(coordinates[:, 1] - middle) < spacing) & (coordinates[:, 0] < 0.25 * WIDTH)

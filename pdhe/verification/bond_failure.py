@@ -8,7 +8,7 @@ import numpy as np
 
 from pdhe import post
 from pdhe.bonds import build_bonds
-from pdhe.materials import MODELS, Body
+from pdhe.materials import MODELS, make_body
 from pdhe.simulation import simulate
 from pdhe.verification.drawing import COLOURS, MARKERS, label, panels
 from pdhe.verification.notched import HEIGHT, MIDDLE_NOTCH, NOTCH, PULL, WIDTH, arrival, mean_damage, plate_with_cracks
@@ -101,7 +101,7 @@ def severed(spacing: float, horizon: float) -> float:
         plate.coordinates, plate.volume, plate.spacing, THICKNESS, horizon, partial="full", surface="none",
         tangential_ratio=law.tangential_ratio, cracks=[((-spacing, HEIGHT / 2), (WIDTH + spacing, HEIGHT / 2))],
     )  # fmt: skip
-    return float(np.average(Body(bonds, law, plate.coordinates, plate.volume).damage(), weights=plate.volume))
+    return float(np.average(make_body(bonds, law, plate.coordinates, plate.volume).damage(), weights=plate.volume))
 
 
 def incubation(result: xr.Dataset, spacing: float) -> float:

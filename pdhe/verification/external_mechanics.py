@@ -12,7 +12,7 @@ import numpy as np
 from pdhe.bonds import build_bonds
 from pdhe.damage import Candidates, FailureRule
 from pdhe.discretization import discretize
-from pdhe.materials import MODELS, Body
+from pdhe.materials import MODELS, make_body
 from pdhe.mesh import make_mesh
 from pdhe.scene import Geometry, Mesh
 from pdhe.verification.drawing import COLOURS, MARKERS, label, panels
@@ -67,7 +67,7 @@ def force_sum() -> tuple[float, float, int, int]:
     volume = np.full(96, 0.015625)
     model = MODELS["condensed rotation"](4.0 * bulk / 3.0, 1.0 / 3.0, spacing, 0.751)
     bonds = build_bonds(coordinates, volume, np.full(96, spacing), spacing, 0.751, partial="full", surface="none")
-    body = Body(bonds, model, coordinates, volume)
+    body = make_body(bonds, model, coordinates, volume)
     u = np.column_stack([np.zeros(96), 1e-3 * coordinates[:, 1]])
     upper = coordinates[:, 1] > 1.5
     family = np.diff(bonds.offsets)
@@ -85,7 +85,7 @@ def pair_failure(model: str, by_energy: bool, direction: tuple[float, float], u_
     x = np.array([(0.0, 0.0), direction])
     horizon, critical = 3.0, 1e-3
     bonds = build_bonds(x, np.ones(2), np.ones(2), 1.0, horizon, surface="none")
-    body = Body(bonds, MODELS[model](YOUNG, POISSON, 1.0, horizon), x, np.ones(2))
+    body = make_body(bonds, MODELS[model](YOUNG, POISSON, 1.0, horizon), x, np.ones(2))
     rule = FailureRule(critical, 1.0, by_energy, None, bonds.owners() < bonds.neighbours)
     rest, end = np.zeros((2, 2)), critical * np.array([(0.0, 0.0), u_end])
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from pdhe.bonds import build_bonds, partial_volume
 from pdhe.corrections import volume_correction
-from pdhe.materials import Body, ThesisSpring
+from pdhe.materials import ThesisSpring, make_body
 from pdhe.verification.drawing import COLOURS, MARKERS, label, panels
 from pdhe.verification.plates import plate_body, square_plate
 from pdhe.verification.report import Report, Row
@@ -42,7 +42,7 @@ def _pair(first, second, u_first, u_second) -> tuple[np.ndarray, float, np.ndarr
     """Bond between two nodes: its vector, its length, and the relative displacement of its ends."""
     x = np.array([first, second], float)
     bonds = build_bonds(x, np.ones(2), np.ones(2), 1.0, 3.0, surface="none")
-    body = Body(bonds, ThesisSpring(1.0, 0.25, 1.0, 3.0), x, np.ones(2))
+    body = make_body(bonds, ThesisSpring(1.0, 0.25, 1.0, 3.0), x, np.ones(2))
     stretch, angle, _ = body.bond_parts(np.array([u_first, u_second], float), np.array([0]), np.array([0]))
     n = np.array([bonds.nx[0], bonds.ny[0]])
     length = float(bonds.length[0])

@@ -13,7 +13,7 @@ from scipy.sparse.linalg import LinearOperator, cg
 from pdhe.bonds import Grading, build_bonds
 from pdhe.discretization import discretize
 from pdhe.errors import SimulationError
-from pdhe.materials import MODELS, Body
+from pdhe.materials import MODELS, Body, make_body
 from pdhe.mesh import make_mesh
 from pdhe.scene import Geometry, Mesh
 from pdhe.sizing import SizeField
@@ -133,7 +133,7 @@ def plate_body(
         partial=partial, surface=weights, tangential_ratio=law.tangential_ratio, cracks=cracks,
         grading=grading,
     )  # fmt: skip
-    return Body(bonds, law, plate.coordinates, plate.volume)
+    return make_body(bonds, law, plate.coordinates, plate.volume)
 
 
 def equilibrium(body: Body, plate: Plate, fixed: np.ndarray, tolerance: float = 1e-9) -> Equilibrium:

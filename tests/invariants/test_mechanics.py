@@ -13,7 +13,7 @@ STATES = {
     "negative tangential": {"nu": 0.42, "perturb": 0.1, "break_share": 0.1},
     "auxetic": {"nu": -0.5, "perturb": 0.1},
 }
-OBJECTIVE = [name for name, model in MODELS.items() if model.condenses_rotation]
+OBJECTIVE = [name for name, model in MODELS.items() if model.objective]
 
 
 def scale_of(body, u) -> float:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from pdhe import materials
 from pdhe.benchmarks.problems import mode_i
-from pdhe.materials import Body
 from pdhe.simulation import simulate
 from pdhe.verification.notched import plate_with_cracks
 from pdhe.verification.slabs import case_of
@@ -14,7 +14,7 @@ from tests.lattices import make_body
 @pytest.fixture(scope="module")
 def bodies():
     x, double = make_body(perturb=0.2, cracks=[((0.0, 5e-3), (6e-3, 5e-3))])
-    return x, double, Body(double.bonds, double.model, x, double.volume, np.float32)
+    return x, double, materials.make_body(double.bonds, double.model, x, double.volume, np.float32)
 
 
 def test_momentum_and_rigid_motion_stay_exact(bodies):

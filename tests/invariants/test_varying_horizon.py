@@ -7,7 +7,7 @@ from pdhe.bonds import Grading, build_bonds
 from pdhe.case import build_case
 from pdhe.damage import nearest_failure
 from pdhe.discretization import discretize
-from pdhe.materials import MODELS, Body
+from pdhe.materials import MODELS, make_body
 from pdhe.mesh import make_mesh
 from pdhe.scene import Scene
 from pdhe.transport import KERNELS, Edge, build_diffusion
@@ -118,7 +118,7 @@ def test_the_reference_horizon_is_a_matter_of_units(graded):
             plate.coordinates, plate.volume, plate.spacing, THICKNESS, scale * reference, partial="ramp",
             tangential_ratio=model.tangential_ratio, grading=grading,
         )  # fmt: skip
-        forces.append(Body(bonds, model, plate.coordinates, plate.volume).force(u))
+        forces.append(make_body(bonds, model, plate.coordinates, plate.volume).force(u))
     # Measured 1e-10: the conjugate gradients of the correction stop a little differently.
     assert np.abs(forces[1] - forces[0]).max() < 1e-6 * np.abs(forces[0]).max()
 

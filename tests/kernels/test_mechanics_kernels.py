@@ -6,7 +6,7 @@ import numba
 import numpy as np
 import pytest
 
-from pdhe.materials import Body
+from pdhe import materials
 from tests.lattices import make_body
 
 CASES = {
@@ -70,7 +70,7 @@ def test_kernels_equal_their_twins(case):
 def test_lattice_layout_equals_the_gather_layout():
     x, body = make_body(23, 17, break_share=0.1)
     assert body.bonds.lattice is not None
-    gather = Body(dataclasses.replace(body.bonds, lattice=None), body.model, x, body.volume)
+    gather = materials.make_body(dataclasses.replace(body.bonds, lattice=None), body.model, x, body.volume)
     gather.break_bonds(np.flatnonzero(~body.intact))
     u = np.random.default_rng(1).normal(size=x.shape)
     expected = gather.force(u)

@@ -1,0 +1,21 @@
+"""Elastic models, one file each, and the bodies that carry their forces (theory, section 2)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pdhe.bonds import Bonds
+from pdhe.materials.body import Body, Measure, Model
+from pdhe.materials.bond import BondBody, CondensedRotation, ThesisSpring
+
+__all__ = ["MODELS", "Body", "BondBody", "CondensedRotation", "Measure", "Model", "ThesisSpring", "make_body"]
+
+#: Models by the name that scenes use.
+MODELS: dict[str, type[Model]] = {"condensed rotation": CondensedRotation, "thesis spring": ThesisSpring}
+
+
+def make_body(
+    bonds: Bonds, model: Model, coordinates: np.ndarray, volume: np.ndarray, precision: type = np.float64
+) -> Body:
+    """Put bonds and a model together: the body of the model's own kind; arguments as for :class:`Body`."""
+    return model.body(bonds, model, coordinates, volume, precision)

@@ -1,0 +1,264 @@
+"""What every elastic model and its body are asked for, and what they share: bonds, their breakage, their short part.
+
+A solver asks a body for forces and for a stand-in of its stiffness, the search for failures for the loads of bonds, and
+whoever breaks bonds says so. A new model is a :class:`Model` with its constants, a :class:`Body` with its forces, and
+one line in :data:`pdhe.materials.MODELS`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from pdhe.bonds import Bonds
+from pdhe.kernels import mechanics
+from pdhe.kernels.jit import as_float
+
+
+@dataclass(frozen=True)
+class Model:
+    """Elastic constants of a bonded body, and the kind of body that has them."""
+
+    youngs_modulus: float = field(metadata={"unit": "Pa"})
+    poissons_ratio: float = field(metadata={"unit": "1"})
+    thickness: float = field(metadata={"unit": "m"})
+    horizon: float = field(metadata={"unit": "m"})
+    #: What is made of this model and a set of bonds.
+    body: ClassVar[type[Body]]
+    #: Whether rigid rotations are free.
+    objective: ClassVar[bool] = True
+    #: Tangential over normal micromodulus of a bond; only the ``energy`` correction of bonds asks for it.
+    tangential_ratio: ClassVar[float] = 0.0
+
+    @property
+    def normal(self) -> float:
+        """Normal micromodulus, N/m^6: that of the bonds that have the energy of an isotropic extension (eq. 2.2).
+
+        The energy of a bond counts as a stretch through it, whatever the model.
+        """
+        e, nu = self.youngs_modulus, self.poissons_ratio
+        return 6.0 * e / (np.pi * self.thickness * self.horizon**3 * (1.0 - nu))
+
+
+@dataclass(frozen=True)
+class Measure:
+    """How the energy of some bonds follows from their parts, see :meth:`Body.bond_parts`.
+
+    Attributes
+    ----------
+    stiffness
+        Of each bond, J (k,): its energy is half of this times ``square``.
+    square
+        Function of the parts (p, k): square of the stretch that has the same energy, (k,). Quadratic.
+    """
+
+    stiffness: np.ndarray
+    square: Callable[[np.ndarray], np.ndarray]
+
+
+class Body(ABC):
+    """Bonds with a model and their present state of breakage: forces, energies and bond loads for given displacements.
+
+    Forces are linear in the displacements and minus the derivative of the energy. Subclasses say what they are; they
+    may also do faster what is done here for all of them.
+
+    Parameters
+    ----------
+    bonds
+        The families. Bonds that a pre-crack cuts are broken from the start.
+    model
+        The constants.
+    coordinates, volume
+        Node positions, m (n, dim), and volumes, m^3 (n,).
+    precision
+        In which the weights of the bonds are stored. Both directions of a bond are rounded alike: with single precision
+        forces still cancel to the last digit of a double, and the stiffness of each bond is off by at most 6e-8.
+
+    Attributes
+    ----------
+    intact
+        Whether each directed bond is unbroken, bool (b,).
+    broken
+        Directed bonds that were broken, call by call.
+    broken_weight
+        Sum of ``beta lambda V_i V_j r`` over the broken bonds, each once, m^7, times their fineness if that differs.
+    cubed
+        ``beta lambda V_i V_j / r^3`` of each directed bond, m^3 (b,); zero where it is broken.
+    normal
+        Micromodulus that the energy of a bond is made a stretch with, N/m^6.
+    """
+
+    def __init__(
+        self,
+        bonds: Bonds,
+        model: Model,
+        coordinates: np.ndarray,
+        volume: np.ndarray,
+        precision: type = np.float64,
+    ) -> None:
+        self.bonds, self.model, self.volume = bonds, model, volume
+        self.coordinates = as_float(coordinates, (bonds.node_count, np.shape(coordinates)[-1]))
+        self.normal = model.normal
+        self.intact = ~bonds.cut
+        self.broken: list[np.ndarray] = []
+        self.cubed = np.where(self.intact, bonds.weight / bonds.length**3, 0.0).astype(precision, copy=False)
+        self._phi = np.zeros(bonds.node_count)
+        self._count_broken(np.arange(bonds.node_count, dtype=np.int32))
+        self.broken_weight = self._weight_of(np.flatnonzero(bonds.cut))
+
+    @property
+    def can_be_indefinite(self) -> bool:
+        """Whether some deformation might release energy, with these constants."""
+        return False
+
+    @abstractmethod
+    def force(self, u: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """Internal force on each node, N (n, dim): minus the derivative of the energy."""
+
+    @abstractmethod
+    def energy(self, u: np.ndarray) -> np.ndarray:
+        """Elastic energy of each node, J (n,)."""
+
+    @abstractmethod
+    def diagonal(self) -> np.ndarray:
+        """Diagonal of the stiffness, or something of its size, N/m (n, dim): for preconditioning."""
+
+    @abstractmethod
+    def stiffness_rows(self) -> np.ndarray:
+        """Upper bound of the sum of the magnitudes in each row of the stiffness, N/m (n, dim): for stable steps."""
+
+    @abstractmethod
+    def node_parts(self, u: np.ndarray) -> np.ndarray:
+        """What the loads of bonds need of their two ends, (n,) or (n, q); linear in the displacements."""
+
+    @abstractmethod
+    def bond_parts(
+        self, u: np.ndarray, bond: np.ndarray, owner: np.ndarray, nodes: np.ndarray | None = None
+    ) -> np.ndarray:
+        """What decides on the failure of some directed bonds, (p, k); linear in the displacements, the stretch first.
+
+        ``nodes`` is what :meth:`node_parts` gives for ``u``, if known.
+        """
+
+    @abstractmethod
+    def measure(self, bond: np.ndarray, owner: np.ndarray) -> Measure:
+        """Energy of some directed bonds as a function of their parts, as long as nothing breaks."""
+
+    def break_bonds(self, directed: np.ndarray) -> None:
+        """Break bonds for good, from both ends.
+
+        Parameters
+        ----------
+        directed
+            Indices of directed bonds; the reverse directions are found here.
+        """
+        directed = np.asarray(directed)
+        directed = directed[self.intact[directed]]
+        self.broken.append(directed)
+        both = np.unique(np.concatenate([directed, self.bonds.reverse[directed]]))
+        self.broken_weight += self._weight_of(both)
+        self.intact[both] = False
+        self.cubed[both] = 0.0
+        nodes = np.unique(self.bonds.neighbours[both])
+        self._count_broken(nodes)
+        self._without(both, nodes)
+
+    def _without(self, both: np.ndarray, nodes: np.ndarray) -> None:  # noqa: B027
+        """Bring what else depends on broken bonds up to date: directed ``both`` broke, at the ends ``nodes``."""
+
+    def _count_broken(self, nodes: np.ndarray) -> None:
+        b = self.bonds
+        mechanics.damage(nodes, b.offsets, b.neighbours, self.volume, self.intact, self._phi)
+
+    def _weight_of(self, bond: np.ndarray) -> float:
+        weight = self.bonds.weight[bond] * self.bonds.length[bond]
+        if self.bonds.fineness is not None:
+            weight *= self.bonds.fineness[bond]
+        return 0.5 * float(np.sum(weight))
+
+    def damage(self) -> np.ndarray:
+        """Volume-weighted share of broken bonds, (n,); bonds cut by a pre-crack count as broken (theory, eq. 5.1)."""
+        return self._phi.copy()
+
+    def short_stiffness(self, reach: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Stiffness of short bonds alone, scaled to the energy that all bonds have under a uniform strain, N/m.
+
+        Parameters
+        ----------
+        reach
+            A bond counts as short if it is no longer than the sum of its ends', m (n,).
+        free
+            1 for a free degree of freedom, 0 for a fixed one (n, 2). Fixed ones keep a diagonal entry only.
+
+        Returns
+        -------
+        starts, column, value
+            Blocks of 2 by 2 in compressed rows: int32 (n + 1,), int32 (k,) ascending within a row, and (k, 2, 2).
+        """
+        b, n = self.bonds, self.bonds.node_count
+        count, sums = np.empty(n, np.int32), np.empty((n, 2))
+        mechanics.count_short(b.offsets, b.neighbours, self.cubed, reach, b.weight, b.length, count, sums)
+        short, whole = sums.sum(axis=0)
+        scale = self.normal * whole / max(short, np.finfo(float).tiny)
+        starts = np.concatenate([[0], np.cumsum(count + 1)]).astype(np.int32)
+        column, value = np.empty(starts[-1], np.int32), np.empty((starts[-1], 2, 2))
+        own = np.empty(n, np.int32)
+        mechanics.fill_short(
+            b.offsets, b.neighbours, self.coordinates, self.cubed, reach, b.length, free, scale, starts, column, value,
+            own,
+        )  # fmt: skip
+        # A fixed degree of freedom, or one across a row of nodes, resists nothing: it gets an entry of the usual size.
+        for axis in range(2):
+            diagonal = value[own, axis, axis]
+            typical = float(diagonal.max(initial=0.0)) or 1.0
+            value[own, axis, axis] = np.where(diagonal > 1e-9 * typical, diagonal, typical)
+        return starts, column, value
+
+    def bond_loads(self, u: np.ndarray, by_energy: bool) -> np.ndarray:
+        """Load of every directed bond, broken ones included, (b,): what is compared with the critical stretch.
+
+        That is the stretch, or with ``by_energy`` the stretch of a bond of the same energy without shear; bonds under
+        compression have load zero (theory, eq. 5.2).
+        """
+        bond, owner = np.arange(self.bonds.length.size), self.bonds.owners()
+        return load_of(self.bond_parts(u, bond, owner), self.measure(bond, owner), by_energy)
+
+    def largest_ratios(
+        self, u: np.ndarray, by_energy: bool, breakable: np.ndarray, resistance: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What a search for failures starts with.
+
+        Parameters
+        ----------
+        u
+            Displacements, m (n, dim).
+        by_energy
+            As in :meth:`bond_loads`.
+        breakable
+            Directed bonds to look at, bool (b,).
+        resistance
+            Load that a bond can bear, by its ends (n,): the lesser one counts.
+
+        Returns
+        -------
+        top, nodes
+            Largest load over resistance among the bonds that each node owns, (n,), and its :meth:`node_parts`.
+        """
+        nodes, bond = self.node_parts(u), np.flatnonzero(breakable)
+        owner = self.bonds.owners()[bond]
+        load = load_of(self.bond_parts(u, bond, owner, nodes), self.measure(bond, owner), by_energy)
+        top = np.zeros(self.bonds.node_count)
+        np.maximum.at(top, owner, load / np.minimum(resistance[owner], resistance[self.bonds.neighbours[bond]]))
+        return top, nodes
+
+
+def load_of(parts: np.ndarray, measure: Measure, by_energy: bool) -> np.ndarray:
+    """Load of some bonds, given their parts, (k,) (theory, eq. 5.2): none under compression."""
+    stretch = parts[0]
+    if by_energy:
+        return np.where(stretch > 0.0, np.sqrt(np.maximum(measure.square(parts), 0.0)), 0.0)
+    return np.maximum(stretch, 0.0)
