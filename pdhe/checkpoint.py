@@ -26,12 +26,12 @@ from pdhe.advance import Motion
 from pdhe.case import Case
 from pdhe.discretization import Discretization
 from pdhe.errors import Interrupted, PdheError
-from pdhe.netcdf import moved_when_whole
 from pdhe.provenance import digest, fingerprint, versions
 from pdhe.results import Recorder
 from pdhe.solvers import Work
 from pdhe.state import State
 from pdhe.supersteps import SuperStepper
+from pdhe.wholefile import intact, moved_when_whole
 
 CADENCE = "PDHE_CHECKPOINT"
 """Environment variable: seconds between checkpoints, 0 for one at every safe point, ``off`` for none."""
@@ -107,10 +107,13 @@ class Keeper:
         self.spent = 0.0
         self._due = time.monotonic() + self.every
         self._signal: int | None = None
+        self._last: Run | None = None
 
     def load(self, case: Case) -> Run | None:
         """Return the run as the last checkpoint has it, its bonds broken in ``case``; None where there is none."""
         try:
+            if not intact(self.path):
+                raise ValueError("not as it was written")
             with np.load(self.path, allow_pickle=False) as file:
                 arrays = {name: file[name] for name in file.files}
             held = json.loads(str(arrays.pop("meta")))
@@ -129,6 +132,7 @@ class Keeper:
 
     def offer(self, run: Run) -> None:
         """Take a checkpoint if one is due; raise :class:`Interrupted` after one if a signal has come."""
+        self._last = run
         if self._signal is None and time.monotonic() < self._due:
             return
         self.write(run)
@@ -143,16 +147,19 @@ class Keeper:
         try:
             held, arrays = _taken(run)
             meta = np.array(json.dumps({**held, "identity": self.identity}))
-            with moved_when_whole(self.path) as temporary, temporary.open("wb") as file:
+            with moved_when_whole(self.path, sealed=True) as temporary, temporary.open("wb") as file:
                 np.savez(file, meta=meta, **arrays)
-                file.flush()
-                os.fsync(file.fileno())
             self.written += 1
         except OSError as error:
             self.log(f"{self.path}: no checkpoint could be written ({error})")
         now = time.monotonic()
         self.spent += now - begin
         self._due = now + (max(self.every, (now - begin) / SHARE) if self.every else 0.0)
+
+    def keep(self) -> None:
+        """Write a checkpoint of the run as it was offered last: its result could not be written."""
+        if self._last is not None:
+            self.write(self._last)
 
     def remove(self) -> None:
         """Remove the checkpoint: the result is there."""

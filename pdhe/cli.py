@@ -1,8 +1,13 @@
 """Command line: one subcommand a step. What they do is in :mod:`pdhe.commands`."""
 
 import argparse
+import contextlib
+import errno
+import os
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +26,23 @@ from pdhe.commands.reports import (
     verdict,
 )
 from pdhe.commands.steps import choose, mesh, nodes, plan, run, solve
-from pdhe.errors import PdheError
+from pdhe.errors import Interrupted, PdheError
+
+_HINTS = (
+    (
+        (errno.ENOSPC, errno.EDQUOT, errno.EFBIG),
+        "nothing half-written is left; free some space (`pdhe gc` lists results that no study refers to) and give the "
+        "same command again",
+    ),
+    (
+        (errno.EROFS, errno.EACCES, errno.EPERM),
+        "write elsewhere (another `--out`, `snakemake --directory FOLDER`), or change who may write there",
+    ),
+)
+_SMALLER = (
+    "`pdhe plan SCENE` tells what a run needs: take a coarser `mesh.spacing`, fewer `outputs` or a machine with more "
+    "memory, or run fewer jobs at a time, and give the same command again; a solve goes on from its last checkpoint"
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -40,14 +61,49 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     arguments = _parser().parse_args(argv)
     try:
-        arguments.run(arguments)
-    except (PdheError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
+        with _terminable():
+            arguments.run(arguments)
+    except PdheError as error:
+        return _tell(f"error: {error}", 1)
+    except OSError as error:
+        return _tell(f"error: {_explained(error)}", 1)
+    except MemoryError as error:
+        return _tell(f"error: out of memory{f' ({error})' if str(error) else ''}; {_SMALLER}", 1)
     except KeyboardInterrupt as stop:
-        print(str(stop) or "interrupted", file=sys.stderr)
-        return getattr(stop, "status", 130)
+        return _tell(str(stop) or "interrupted", getattr(stop, "status", 130))
     return 0
+
+
+def _tell(text: str, status: int) -> int:
+    with contextlib.suppress(OSError):
+        print(text, file=sys.stderr, flush=True)
+    return status
+
+
+def _explained(error: OSError) -> str:
+    """Say what the system refused, and what to do about it."""
+    place = f"{os.fsdecode(error.filename)}: " if isinstance(error.filename, str | bytes | os.PathLike) else ""
+    if not error.errno or not error.strerror:
+        return str(error)
+    reason = error.strerror[:1].lower() + error.strerror[1:]
+    hint = next((hint for numbers, hint in _HINTS if error.errno in numbers), "")
+    return f"{place}{reason}{f'; {hint}' if hint else ''}"
+
+
+@contextlib.contextmanager
+def _terminable() -> Iterator[None]:
+    """Meanwhile SIGTERM ends what is done as Ctrl-C does, so that nothing half-written is left."""
+
+    def stop(number: int, _: Any) -> None:
+        raise Interrupted(f"interrupted by {signal.Signals(number).name}; give the same command again", 128 + number)
+
+    listening = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGTERM, stop) if listening else None
+    try:
+        yield
+    finally:
+        if listening:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL if before is None else before)
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -21,8 +21,9 @@ import numpy as np
 
 from pdhe.errors import PdheError
 from pdhe.mesh import ALL, CRACK_PREFIX, EDGES, PLATE
-from pdhe.netcdf import Variable, read_netcdf, write_netcdf
+from pdhe.netcdf import CHANGED, Variable, read_netcdf, write_netcdf
 from pdhe.sizing import SizeField
+from pdhe.wholefile import intact
 
 if TYPE_CHECKING:
     from pdhe.scene import Crack, Geometry, Mesh
@@ -218,10 +219,9 @@ def _read_mesh(path: Path, geometry: Geometry) -> tuple[np.ndarray, np.ndarray, 
         raise PdheError(f"{path}: no such mesh; run the mesh step first")
     import meshio.gmsh  # here, because it loads readers of many formats and a solve has no mesh to read
 
-    with path.open("rb") as file:
-        file.seek(max(0, path.stat().st_size - 64))
-        if not file.read().rstrip().rpartition(b"\n")[2].startswith(b"$End"):
-            raise _damaged(path, "its end is missing")
+    whole = intact(path)
+    if not whole:
+        raise _damaged(path, "its end is missing, or it was not written by pdhe" if whole is None else CHANGED)
     try:
         # meshio.read would print and leave the program; its reader for gmsh raises, and only warns on the console.
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):

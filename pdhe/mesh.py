@@ -27,6 +27,7 @@ import numpy as np
 from pdhe.errors import PdheError
 from pdhe.scene_checks import square_cells
 from pdhe.sizing import SizeField
+from pdhe.wholefile import moved_when_whole, why_not_written
 
 if TYPE_CHECKING:
     from pdhe.scene import Geometry, Mesh
@@ -42,6 +43,7 @@ EDGE_OVER_SPACING = {"triangle": 1.52, "quadrilateral": 1.0}
 AREA_TOLERANCE, ATTEMPTS = 0.05, 4
 SYSTEM_LIBRARIES = "libglu1-mesa libgl1 libxft2 libxcursor1 libxinerama1 libgomp1"
 
+END = b"$EndElements\n"
 # gmsh keeps one global model: two threads of one process take turns.
 _GMSH_LOCK = threading.Lock()
 
@@ -66,12 +68,14 @@ def make_mesh(geometry: Geometry, mesh_spec: Mesh, path: str | os.PathLike[str])
     PdheError
         gmsh or one of its system libraries is missing, the cells of a structured plate would not be square within 2 %,
         a group would be empty, two of them would share a name, or gmsh fails.
+    OSError
+        The file cannot be written.
     """
     path = Path(path)
     _check_names(geometry)
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}.msh")
-    try:
+    with moved_when_whole(path, sealed=True, ending=".msh") as temporary:
+        temporary.touch()
         with _gmsh_session() as gmsh:
             # Lengths are in units of the spacing while gmsh works, whose tolerances are absolute; metres on writing.
             gmsh.option.setNumber("Mesh.ScalingFactor", mesh_spec.spacing)
@@ -85,9 +89,11 @@ def make_mesh(geometry: Geometry, mesh_spec: Mesh, path: str | os.PathLike[str])
                 else:
                     _generate_to_size(gmsh, EDGE_OVER_SPACING[mesh_spec.cells])
             gmsh.write(str(temporary))
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+        # gmsh takes no notice of what the system says of its writing.
+        with temporary.open("rb") as file:
+            file.seek(-min(len(END), temporary.stat().st_size), os.SEEK_END)
+            if file.read() != END:
+                raise why_not_written(temporary, "the mesh could not be written to its end")
 
 
 def structured_counts(width: float, height: float, spacing: float) -> tuple[int, int]:

@@ -12,7 +12,7 @@ import numpy as np
 from pdhe.discretization import Discretization
 from pdhe.errors import PdheError
 from pdhe.fields import field_of
-from pdhe.netcdf import Variable, write_netcdf
+from pdhe.netcdf import Variable, check_netcdf, write_netcdf
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -108,12 +108,13 @@ def write_dataset(dataset: xr.Dataset, path: str | Path) -> None:
 
 
 def open_result(path: str | Path) -> xr.Dataset:
-    """Open a result file; raise :class:`PdheError` naming the file if it is missing or not a result."""
+    """Open a result file; raise :class:`PdheError` naming the file if it is missing, damaged or not a result."""
     import xarray as xr
 
     if not Path(path).is_file():
         raise PdheError(f"{path}: no such result; run the study first")
     try:
+        check_netcdf(path)
         dataset = xr.open_dataset(path, engine="netcdf4", decode_times=False)
     except Exception as error:
         raise PdheError(f"{path}: cannot be read as a result ({error}); delete it and run again") from error

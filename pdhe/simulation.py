@@ -27,6 +27,7 @@ from pdhe.scene import Scene
 from pdhe.solvers import INDEFINITE
 from pdhe.stability import NEGATIVE, least_eigenvalue
 from pdhe.state import State
+from pdhe.wholefile import check_place
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -62,10 +63,13 @@ def solve_case(
     ------
     SceneError, SimulationError
         If the scene cannot be run on this mesh, or the run cannot go on.
+    OSError
+        If the result cannot be written, which is tried before anything is computed.
     Interrupted
         After SIGTERM or SIGINT, if this is the main thread.
     """
     path, log = Path(path), progress or _silent
+    check_place(path)
     keeper = Keeper(checkpoint_of(path), identity(scene.resolved(), discretization), log)
     case = build_case(scene, discretization)
     pilot = fly_pilot(scene, discretization.volume.size) if discretization.volume.size >= PILOT_FROM else None
@@ -120,7 +124,12 @@ def _solve(
         error.contents.write(kept)
         raise SimulationError(f"{error}; what was computed so far is in {kept} (see `pdhe diagnose`)") from error
     contents.attributes.update(made_by)
-    contents.write(path)
+    try:
+        contents.write(path)
+    except OSError:
+        # There may be room for this, which is smaller.
+        keeper.keep()
+        raise
     keeper.remove()
     with contextlib.suppress(OSError):
         incomplete_of(path).unlink()

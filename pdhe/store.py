@@ -14,29 +14,34 @@ from pdhe.netcdf import read_netcdf
 from pdhe.provenance import digest, fingerprint, versions
 from pdhe.results import CHECKPOINT, INCOMPLETE
 from pdhe.study import Case, load_study
+from pdhe.wholefile import PART, intact
 from pdhe.yamlfile import read_yaml
 
 OTHERS = ("store", "verification", "benchmarks", "tradeoff", "extremes")
 """Folders of results that belong to no study."""
 
 _STAGES = {"mesh": ".msh", "nodes": ".nc", "solve": ".nc"}
-_PART = re.compile(r"\..+\.(\d+)\.\d+\.part")
 
 
-def solutions_and_nodes(results: Path) -> list[Path]:
-    """Return the solutions and the files of nodes below a folder of results."""
+def stored(results: Path) -> list[Path]:
+    """Return the meshes, the files of nodes and the solutions below a folder of results."""
     _require(results)
-    return [path for stage in ("nodes", "solve") for path in sorted((results / "store" / stage).glob("*.nc"))]
+    found = (path for stage in _STAGES for path in sorted((results / "store" / stage).glob(f"*{_STAGES[stage]}")))
+    return [path for path in found if not PART.fullmatch(path.name)]
 
 
 def check(path: Path) -> Iterator[str]:
-    """Yield what is wrong with a solution or a file of nodes, in words: content, name, scene, code, versions.
+    """Yield what is wrong with a mesh, a file of nodes or a solution, in words: content, name, scene, code, versions.
 
     Parameters
     ----------
     path
         File in the store; its folder tells what it is.
     """
+    if path.suffix == _STAGES["mesh"]:
+        if not intact(path):
+            yield "is damaged, or was made by an older version: it does not end with the digest of its content"
+        return
     try:
         arrays, attributes = read_netcdf(path)
     except (OSError, RuntimeError, ValueError) as error:
@@ -112,13 +117,13 @@ def unused(results: Path, studies: Iterable[str | Path]) -> list[Path]:
     found = []
     for stage, ending in _STAGES.items():
         for path in sorted((results / "store" / stage).glob("*")):
-            part = _PART.fullmatch(path.name)
+            part = PART.fullmatch(path.name)
             if path.suffix in (CHECKPOINT, INCOMPLETE):
                 # One whose result is there was left behind by a run that was killed at its very end.
                 result = path.with_suffix("")
                 if result.stem not in kept[stage] or result.exists():
                     found.append(path)
-            elif (part and not _alive(int(part[1]))) or (path.suffix == ending and path.stem not in kept[stage]):
+            elif not _alive(int(part["process"])) if part else path.suffix == ending and path.stem not in kept[stage]:
                 found.append(path)
     for folder in sorted(path for path in results.iterdir() if path.is_dir() and path.name not in OTHERS):
         if folder.name in names:

@@ -14,6 +14,7 @@ from pdhe.benchmarks.machine import one_line
 from pdhe.benchmarks.registry import BENCHMARKS
 from pdhe.errors import PdheError
 from pdhe.verification.page import STYLE
+from pdhe.wholefile import read_json
 
 #: Units in which more is better; ratios of the others are inverted in a comparison.
 RATES = ("bonds/s",)
@@ -24,8 +25,8 @@ def gather(folders: Sequence[str | Path]) -> dict[str, Any]:
     found = {}
     for folder in map(Path, folders):
         try:
-            report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
-            around = json.loads((folder / "machine.json").read_text(encoding="utf-8"))
+            report = read_json(folder / "report.json")
+            around = read_json(folder / "machine.json")
         except OSError as error:
             raise PdheError(f"{folder}: no such report; run the benchmark first ({error})") from error
         rows = [

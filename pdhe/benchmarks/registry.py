@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pdhe.errors import PdheError, SceneError
+from pdhe.wholefile import write_text
 
 if TYPE_CHECKING:
     from pdhe.verification.report import Report
@@ -72,5 +73,5 @@ def write_benchmark(name: str, settings: dict[str, Any], folder: str | Path) -> 
     report = run_benchmark(name, settings)
     report.write(folder)
     content = {"machine": machine, "settings": settings}
-    Path(folder, "machine.json").write_text(json.dumps(content, indent=1), encoding="utf-8")
+    write_text(Path(folder, "machine.json"), json.dumps(content, indent=1))
     return report

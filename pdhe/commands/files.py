@@ -75,9 +75,9 @@ def diagnose(arguments: argparse.Namespace) -> None:
 
 def verify(arguments: argparse.Namespace) -> None:
     """Tell which results no longer match their hashes, their names, or the code and versions that made them."""
-    from pdhe.store import check, solutions_and_nodes
+    from pdhe.store import check, stored
 
-    files = solutions_and_nodes(arguments.results)
+    files = stored(arguments.results)
     problems = 0
     for path in files:
         for problem in check(path):

@@ -20,6 +20,7 @@ def check(arguments: argparse.Namespace) -> None:
 def page(arguments: argparse.Namespace) -> None:
     """Gather topics of the verification on one page, as HTML and, for the documentation, as Markdown."""
     from pdhe.verification.page import as_html, as_markdown, read_reports
+    from pdhe.wholefile import copy
 
     reports = read_reports(arguments.folders)
     write(arguments.out, as_html(reports))
@@ -29,7 +30,7 @@ def page(arguments: argparse.Namespace) -> None:
         write(arguments.docs / "verification.md", as_markdown(reports, "verification"))
         for report in reports:
             if report["figure"]:
-                (figures_folder / f"{report['topic']}.png").write_bytes(report["figure"].read_bytes())
+                copy(report["figure"], figures_folder / f"{report['topic']}.png")
 
 
 def verdict(arguments: argparse.Namespace) -> None:
@@ -108,6 +109,7 @@ def extremes(arguments: argparse.Namespace) -> None:
 def extremes_page(arguments: argparse.Namespace) -> None:
     """Gather groups of extreme cases as a map, a table and a page."""
     from pdhe.extremes.page import as_html, as_markdown, gather, write_map, write_table
+    from pdhe.wholefile import copy
 
     reports = gather(arguments.folders)
     write_map(reports, ready(arguments.map))
@@ -115,4 +117,4 @@ def extremes_page(arguments: argparse.Namespace) -> None:
     write(arguments.out, as_html(reports, arguments.map))
     if arguments.docs:
         write(arguments.docs / "extremes.md", as_markdown(reports, "images/extremes.png"))
-        ready(arguments.docs / "images" / "extremes.png").write_bytes(arguments.map.read_bytes())
+        copy(arguments.map, ready(arguments.docs / "images" / "extremes.png"))

@@ -1,6 +1,8 @@
 """What commands read from their arguments and write to files, or show."""
 
+import contextlib
 import json
+import os
 import sys
 from pathlib import Path
 
@@ -11,10 +13,10 @@ def read_object(text: str, name: str) -> dict:
     """Read a JSON object given as an option."""
     try:
         value = json.loads(text)
-    except json.JSONDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise PdheError(f"{name} is not JSON: {error}") from error
     if not isinstance(value, dict):
-        raise PdheError(f"{name} needs a JSON object, not {text}")
+        raise PdheError(f"{name} needs a JSON object, not {text[:80]}")
     return value
 
 
@@ -29,9 +31,19 @@ def write(path: Path | None, text: str) -> None:
     if path is None:
         sys.stdout.write(text)
     else:
-        ready(path).write_text(text, encoding="utf-8")
+        from pdhe.wholefile import write_text
+
+        write_text(ready(path), text)
 
 
 def progress(message: str) -> None:
-    """Show the progress of a solve."""
-    print(message, flush=True)
+    """Show the progress of a solve; a full disk under the log or a closed terminal is no reason to end one."""
+    try:
+        print(message, flush=True)
+    except OSError:
+        # What is waiting to be written would fail again at the end of the process.
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
+        with contextlib.suppress(OSError):
+            print("error: standard output cannot be written to: the rest of it is lost", file=sys.stderr, flush=True)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pdhe.verification.page import STYLE, cells, read_reports
+from pdhe.wholefile import moved_when_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -104,7 +105,8 @@ def write_map(reports: Sequence[dict[str, Any]], path: str | Path) -> None:
     figure = Figure(layout="constrained")
     FigureCanvasAgg(figure)
     draw_map(figure, reports)
-    figure.savefig(path, dpi=160)
+    with moved_when_whole(path) as place:
+        figure.savefig(place, dpi=160, format=Path(path).suffix[1:])
 
 
 def table(reports: Sequence[dict[str, Any]]) -> list[dict[str, str]]:
@@ -125,7 +127,7 @@ def table(reports: Sequence[dict[str, Any]]) -> list[dict[str, str]]:
 
 def write_table(reports: Sequence[dict[str, Any]], path: str | Path) -> None:
     """Write the table as CSV."""
-    with Path(path).open("w", newline="", encoding="utf-8") as file:
+    with moved_when_whole(path) as place, place.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, fieldnames=COLUMNS)
         writer.writeheader()
         writer.writerows(table(reports))

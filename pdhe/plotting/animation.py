@@ -16,6 +16,7 @@ from pdhe.plotting.layout import Layout
 from pdhe.plotting.picture import Panel, Picture, check_kind
 from pdhe.plotting.style import MILLIMETRE, RC, Style
 from pdhe.results import open_result
+from pdhe.wholefile import moved_when_whole
 
 #: Colours of the palette that come from the colour map; the others are greys, for text and lines.
 _SHADES = 128
@@ -49,7 +50,8 @@ def animate(kind: str, result_path: str | Path, style: Mapping[str, Any] | None,
     shown = float(np.clip(chosen.duration / len(frames), _SHORTEST, _LONGEST))
     durations = [round(1e3 * shown)] * (len(frames) - 1) + [round(1e3 * (shown + chosen.hold))]
     more = {"save_all": True, "append_images": frames[1:], "duration": durations, "loop": 0, "comment": made}
-    frames[0].save(out_path, format="GIF", **more)
+    with moved_when_whole(out_path) as place:
+        frames[0].save(place, format="GIF", **more)
 
 
 def _frames(picture: Picture, indices: list[int], style: Style) -> list[Image.Image]:

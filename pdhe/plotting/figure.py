@@ -14,6 +14,7 @@ from pdhe.plotting.layout import ROOMY, Layout
 from pdhe.plotting.picture import Panel, Picture, check_kind
 from pdhe.plotting.style import MILLIMETRE, RC, Style
 from pdhe.results import open_result
+from pdhe.wholefile import moved_when_whole
 
 
 def draw(kind: str, result_path: str | Path, style: Mapping[str, Any] | None, out_path: str | Path) -> None:
@@ -37,7 +38,9 @@ def draw(kind: str, result_path: str | Path, style: Mapping[str, Any] | None, ou
             indices = list(dict.fromkeys(post.nearest_snapshot(result, time) for time in chosen.times))
         with mpl.rc_context(RC | {"font.size": chosen.font_size}):
             made = post.origin(result, Path(out_path).suffix)
-            _draw(picture, indices, chosen).savefig(out_path, dpi=chosen.dpi, metadata=made)
+            figure = _draw(picture, indices, chosen)
+            with moved_when_whole(out_path) as place:
+                figure.savefig(place, dpi=chosen.dpi, metadata=made, format=Path(out_path).suffix[1:])
 
 
 def _draw(picture: Picture, indices: list[int], style: Style):

@@ -17,6 +17,7 @@ from pdhe import post
 from pdhe.errors import PdheError
 from pdhe.plotting.style import MILLIMETRE, RC, Style
 from pdhe.results import open_result
+from pdhe.wholefile import moved_when_whole
 
 #: Colours that remain distinct for colour-blind readers (Wong 2011), and dashes that remain distinct in print.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -47,7 +48,9 @@ def draw_history(result_path: str | Path, out_path: str | Path) -> None:
             raise PdheError(f"{result_path}: the history of the result holds nothing to draw")
         with mpl.rc_context(RC | {"font.size": style.font_size, "legend.fontsize": style.font_size - 1}):
             made = post.origin(result, Path(out_path).suffix)
-            _draw(result["history_time"].values, panels, style).savefig(out_path, dpi=style.dpi, metadata=made)
+            figure = _draw(result["history_time"].values, panels, style)
+            with moved_when_whole(out_path) as place:
+                figure.savefig(place, dpi=style.dpi, metadata=made, format=Path(out_path).suffix[1:])
 
 
 def _draw(times: np.ndarray, panels: list[Curves], style: Style) -> Figure:

@@ -6,7 +6,6 @@ import base64
 import csv
 import html
 import io
-import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,6 +19,7 @@ from pdhe.errors import PdheError
 from pdhe.tradeoff.front import front_of
 from pdhe.verification.drawing import COLOURS, label, panels
 from pdhe.verification.page import STYLE
+from pdhe.wholefile import moved_when_whole, read_json
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,7 +41,7 @@ def gather(folders: Sequence[str | Path]) -> dict[str, dict[str, Any]]:
         if not (report.is_file() and runs.is_file()):
             raise PdheError(f"{folder}: no measured scene; run `pdhe trade` first")
         tables = {"runs": _table(runs), "limits": _table(folder / "limits.csv")}
-        found[folder.name] = {**json.loads(report.read_text(encoding="utf-8")), **tables}
+        found[folder.name] = {**read_json(report), **tables}
     return found
 
 
@@ -109,7 +109,8 @@ def draw(scenes: dict[str, dict[str, Any]], path: str | Path) -> None:
     for ax in axes[len(scenes) :]:
         ax.remove()
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=8, frameon=False)
-    figure.savefig(path, dpi=160)
+    with moved_when_whole(path) as place:
+        figure.savefig(place, dpi=160, format=Path(path).suffix[1:])
 
 
 def front_panel(ax: Axes, table: Sequence[dict[str, Any]], uncertainty: float) -> None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import base64
 import html
-import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from pdhe.errors import PdheError
+from pdhe.wholefile import read_json
 
 COLUMNS = ("what", "expected", "measured", "error", "allowed", "", "reason")
 STYLE = """body{font:15px/1.5 system-ui,sans-serif;max-width:70rem;margin:2rem auto;padding:0 1rem;color:#222}
@@ -27,7 +27,7 @@ def read_reports(folders: Sequence[str | Path]) -> list[dict[str, Any]]:
         path = Path(folder, "report.json")
         if not path.is_file():
             raise PdheError(f"{path}: no such report; run the check first")
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = read_json(path)
         figure = path.with_name("figure.png")
         reports.append({**content, "figure": figure if figure.is_file() else None})
     return reports

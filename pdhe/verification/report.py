@@ -10,6 +10,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from pdhe.wholefile import moved_when_whole, write_text
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -107,13 +109,14 @@ class Report:
             figure = Figure(figsize=(7.0, 4.2), layout="constrained")
             FigureCanvasAgg(figure)
             self.draw(figure)
-            figure.savefig(folder / "figure.png", dpi=160)
+            with moved_when_whole(folder / "figure.png") as place:
+                figure.savefig(place, dpi=160, format="png")
         content = {"topic": self.topic, "title": self.title, "text": self.text, "rows": rows, "passed": self.passed}
-        (folder / "report.json").write_text(json.dumps(content, indent=1, allow_nan=True), encoding="utf-8")
+        write_text(folder / "report.json", json.dumps(content, indent=1, allow_nan=True))
 
 
 def _write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with moved_when_whole(path) as place, place.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]) if rows else [])
         writer.writeheader()
         writer.writerows(rows)

@@ -11,7 +11,7 @@ import netCDF4
 import pytest
 from PIL import Image
 
-from pdhe import cli, store
+from pdhe import cli, store, wholefile
 from pdhe.benchmarks.problems import lattice_nodes
 from pdhe.discretization import read_discretization, write_discretization
 from pdhe.errors import PdheError
@@ -41,7 +41,8 @@ def computed(tmp_path_factory):
         write_discretization(nodes, place / f"nodes/{case.mesh_id}.nc")
         solve_case(scene, nodes, place / f"solve/{case.solve_id}.nc", command="pdhe solve")
         (place / "mesh").mkdir(exist_ok=True)
-        (place / f"mesh/{case.mesh_id}.msh").write_text("mesh")
+        wholefile.write_text(place / f"mesh/{case.mesh_id}.msh", "mesh\n")
+        wholefile.seal(place / f"mesh/{case.mesh_id}.msh")
         (folder / "results/pair" / case.name).mkdir(parents=True)
         (folder / "results/pair" / case.name / "history.csv").write_text("history")
     (folder / "results/pair/cases.csv").write_text("cases")
@@ -60,7 +61,7 @@ def solutions(project):
 
 
 def problems(project):
-    return {path.name: list(store.check(path)) for path in store.solutions_and_nodes(project / "results")}
+    return {path.name: list(store.check(path)) for path in store.stored(project / "results")}
 
 
 def rewrite(path, attribute, value):
@@ -76,7 +77,7 @@ def without_digest(path):
 def test_untouched_results_match(project, capsys):
     assert set(map(tuple, problems(project).values())) == {()}
     assert cli.main(["verify"]) == 0
-    assert capsys.readouterr().out == "3 file(s) match\n"
+    assert capsys.readouterr().out == "4 file(s) match\n"
 
 
 def test_every_changed_byte_of_an_array_is_found(project):
@@ -98,10 +99,12 @@ def test_truncated_and_foreign_files_are_named(project, capsys):
     first, second = solutions(project)
     first.write_bytes(first.read_bytes()[:3000])
     second.write_text("nothing of the kind")
+    next((project / "results/store/mesh").glob("*.msh")).write_text("half a mesh")
     assert cli.main(["verify", "results"]) == 1
     told = capsys.readouterr()
     assert told.out.count("cannot be read or is damaged") == 2
-    assert "error: 2 mismatch(es) in 3 file(s)" in told.err
+    assert told.out.count(".msh: is damaged") == 1
+    assert "error: 3 mismatch(es) in 4 file(s)" in told.err
 
 
 @pytest.mark.parametrize(
