@@ -24,6 +24,8 @@ from pdhe.transport import Diffusion, Edge, build_diffusion
 SOLVERS = {"conjugate gradients": Equilibrium, "dynamic relaxation": DynamicRelaxation}
 #: Storage of bond weights and rates by the name that scenes use.
 PRECISIONS = {"double": np.float64, "single": np.float32}
+#: Poisson's ratio up to which the stiffness of two-parameter bonds is positive at a horizon of 3 spacings and more.
+SAFE_POISSON = {"stress": 0.45, "strain": 0.32}
 EDGES = ("left", "right", "bottom", "top")
 
 
@@ -75,7 +77,7 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
     partial = partial_volume_rule(scene, d)
     material = scene.material
     model = MODELS[scene.mechanics.model](
-        material.youngs_modulus, material.poissons_ratio, d.thickness, scene.horizon_length
+        material.youngs_modulus, material.poissons_ratio, d.thickness, scene.horizon_length, scene.mechanics.plane
     )
     bonds = build_bonds(
         d.coordinates, d.volume, d.spacing, d.thickness, scene.horizon_length, partial=partial,
@@ -113,13 +115,14 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
 
 
 def _require_positive_stiffness(scene: Scene, body: Body, free: np.ndarray) -> None:
-    """Refuse a body that would give energy away as it deforms: above a Poisson's ratio of 1/3 the mesh decides."""
+    """Refuse a body that would give energy away as it deforms: with negative tangential springs the mesh decides."""
     lowest = least_eigenvalue(body, free)
     if lowest < NEGATIVE:
         raise SceneError(
             "scene", "material.poissons_ratio", scene.material.poissons_ratio,
             f"makes the stiffness of this body indefinite: its least eigenvalue is {lowest:.2g} of the largest",
-            "0.45 is safe at a horizon of 3 spacings and more; other `mechanics.weights` may help above it",
+            f"{SAFE_POISSON[scene.mechanics.plane]:g} is safe at a horizon of 3 spacings and more in plane "
+            f"{scene.mechanics.plane}; other `mechanics.weights` may help above it",
         )  # fmt: skip
 
 
@@ -162,7 +165,7 @@ def _failure_rule(scene: Scene, d: Discretization, bonds: Bonds, model) -> Failu
             return resistance(law, degradation, psi)
 
     crossing = crossing_sum(bonds, d.volume)
-    critical = critical_stretch(model, crossing, scene.material.toughness, settings.calibration)
+    critical = critical_stretch(model, crossing, scene.material.toughness(scene.mechanics.plane), settings.calibration)
     rule = FailureRule(critical, crossing, settings.criterion == "energy", weakened, may_fail)
     return rule if bonds.fineness is None else replace(rule, **stretch_factors(bonds))
 

@@ -15,6 +15,8 @@ MAX_OUTPUTS = 10_000
 """Most output times of one run."""
 EMBRITTLEMENT_LAWS = ("serebrinsky",)
 """Names of the laws by which hydrogen lowers the fracture resistance."""
+MODELS = ("condensed rotation", "thesis spring", "one-parameter")
+"""Names of the elastic models."""
 FIDELITIES = ("draft", "standard", "fine", "reference")
 """Names of the sets of settings that a scene may leave to the program, from cheap to accurate."""
 
@@ -157,20 +159,26 @@ class Material(Block):
                 raise problem("is not a key of a material", f"did you mean `{near[0]}`?" if near else "", key[:60])
         return source
 
-    @property
-    def toughness(self) -> float | None:
-        """Critical energy release rate G_c (J/m^2): as given, or K_IC^2/E (plane stress); None if neither is given."""
+    def toughness(self, plane: str) -> float | None:
+        """Critical energy release rate G_c (J/m^2): as given, or that of K_IC; None if neither is given."""
         if self.critical_energy_release_rate is not None:
             return self.critical_energy_release_rate
-        if self.fracture_toughness is not None:
-            return round15(self.fracture_toughness**2 / self.youngs_modulus)
-        return None
+        return None if self.fracture_toughness is None else round15(self.implied_toughness(plane))
+
+    def implied_toughness(self, plane: str) -> float:
+        """Energy release rate at K_IC (J/m^2): K^2/E in plane stress, (1-nu^2) K^2/E in plane strain (Irwin)."""
+        rate = self.fracture_toughness**2 / self.youngs_modulus
+        return rate * (1.0 - self.poissons_ratio**2) if plane == "strain" else rate
 
 
 class Mechanics(Block):
-    """The bond model, its weights and the treatment of cells that the horizon cuts."""
+    """The elastic model, its weights and the treatment of cells that the horizon cuts.
 
-    model: Annotated[str, choice("condensed rotation", "thesis spring")] = "condensed rotation"
+    ``plane`` says what vanishes across the plate: stress or strain.
+    """
+
+    model: Annotated[str, choice(*MODELS)] = "condensed rotation"
+    plane: Annotated[str, choice("stress", "strain")] = "stress"
     weights: Annotated[str, choice("moment matched", "volume", "energy", "none")] = "moment matched"
     partial_volume: Annotated[str, choice("auto", "full", "ramp", "thesis")] = "auto"
 

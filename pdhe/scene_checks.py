@@ -24,6 +24,8 @@ MIN_HORIZON_RATIO = 1.2
 """Smallest horizon in units of the spacing at which every node keeps its four nearest neighbours on a rough mesh."""
 LEAST_POISSON = -0.9
 """Least Poisson's ratio: towards -1 shear takes all the stiffness, and equilibria take ever more iterations."""
+ONE_PARAMETER_TOLERANCE = 0.005
+"""How far Poisson's ratio may be from the only one that bonds with one constant have: 0.33 is 1/3."""
 SHARING_DISTANCE = 1.5
 """Distance in spacings from which two lines cannot share a node: either set reaches at most 0.75 spacings."""
 MAX_HORIZON_GROWTH = 1.0
@@ -236,7 +238,7 @@ def _check_physics(scene: "Scene") -> None:
     if scene.hydrogen is not None and scene.material.diffusivity is None:
         hint = "add for example `diffusivity: 0.84e-9 m^2/s` to the material, or leave `hydrogen` out"
         raise problem("is missing, and hydrogen diffusion needs it", hint, "material.diffusivity")
-    if scene.damage is not None and scene.material.toughness is None:
+    if scene.damage is not None and scene.material.toughness(scene.mechanics.plane) is None:
         hint = "add `fracture_toughness` or `critical_energy_release_rate` to the material, or leave `damage` out"
         raise problem("is missing, and damage needs it", hint, "material.fracture_toughness")
 
@@ -255,18 +257,25 @@ def _check_material(scene: "Scene") -> None:
     if material.youngs_modulus < 1.0:
         raise problem("is less than 1 Pa", "`MPa` is megapascal, `mPa` is millipascal", "material.youngs_modulus")
     if material.fracture_toughness is not None and material.critical_energy_release_rate is not None:
-        implied = material.fracture_toughness**2 / material.youngs_modulus
+        plane = scene.mechanics.plane
+        implied = material.implied_toughness(plane)
         if not math.isclose(implied, material.critical_energy_release_rate, rel_tol=0.01):
-            text = f"contradicts `fracture_toughness`, which means {implied:.6g} J/m^2 (K^2/E, plane stress)"
+            formula = "(1-nu^2) K^2/E" if plane == "strain" else "K^2/E"
+            text = f"contradicts `fracture_toughness`, which means {implied:.6g} J/m^2 ({formula}, plane {plane})"
             raise problem(text, "give one of the two", "material.critical_energy_release_rate")
     if scene.loads is None:
         return
     nu, key = material.poissons_ratio, "material.poissons_ratio"
     if nu < LEAST_POISSON:
         raise problem("is outside the range of the bond model", f"it must be at least {LEAST_POISSON:g}", key)
-    if scene.mechanics.model == "thesis spring" and nu > 1.0 / 3.0 + 1e-9:
-        text = "is above 1/3, where the tangential springs are negative and a rotation releases energy (indefinite)"
+    model, plane = scene.mechanics.model, scene.mechanics.plane
+    natural, name = (1.0 / 3.0, "1/3") if plane == "stress" else (1.0 / 4.0, "1/4")
+    if model == "thesis spring" and nu > natural + 1e-9:
+        text = f"is above {name}, where the tangential springs are negative and a rotation releases energy (indefinite)"
         raise problem(text, "use `mechanics: {model: condensed rotation}`", key)
+    if model == "one-parameter" and abs(nu - natural) > ONE_PARAMETER_TOLERANCE:
+        text = f"is not the Poisson's ratio of one-parameter bonds, which is {name} in plane {plane}"
+        raise problem(text, f"give {natural:.4g}, or use `mechanics: {{model: condensed rotation}}`", key)
 
 
 def _check_node_sets(scene: "Scene") -> None:

@@ -34,10 +34,11 @@ REBUILD_AFTER = 30
 LEAST_REFERENCE = 1e-3
 #: Residual over the forces of a first guess that round-off lets a solve reach in any case.
 REACHABLE = 1e-12
-#: What may be wrong where Poisson's ratio exceeds 1/3.
+#: What may be wrong where the tangential stiffness is negative.
 INDEFINITE = (
-    "the stiffness is no longer positive: above 1/3, Poisson's ratio asks for a negative tangential stiffness, which "
-    "needs whole families around a node; lower material.poissons_ratio, raise horizon.ratio, or take a finer mesh"
+    "the stiffness is no longer positive: above 1/3 (1/4 in plane strain), Poisson's ratio asks for a negative "
+    "tangential stiffness, which needs whole families around a node; lower material.poissons_ratio, raise "
+    "horizon.ratio, or take a finer mesh"
 )
 #: A residual that has grown by this factor over the least one will not fall again.
 STAGNATION = 1e6

@@ -25,6 +25,7 @@ def make_body(
     m: float = 3.015,
     spacing: float = 1e-3,
     model: str = "condensed rotation",
+    plane: str = "stress",
     perturb: float = 0.0,
     break_share: float = 0.0,
     seed: int = 0,
@@ -37,7 +38,7 @@ def make_body(
     coordinates += perturb * spacing * rng.uniform(-1, 1, coordinates.shape)
     volume = np.full(len(coordinates), spacing**2 * THICKNESS)
     horizon = m * spacing
-    law = MODELS[model](YOUNG, nu, THICKNESS, horizon)
+    law = MODELS[model](YOUNG, nu, THICKNESS, horizon, plane)
     bonds = build_bonds(
         coordinates, volume, np.full(len(coordinates), spacing), THICKNESS, horizon,
         tangential_ratio=law.tangential_ratio, cracks=cracks, **options,

@@ -6,12 +6,18 @@ import numpy as np
 
 from pdhe.bonds import Bonds
 from pdhe.materials.body import Body, Measure, Model
-from pdhe.materials.bond import BondBody, CondensedRotation, ThesisSpring
+from pdhe.materials.bond import BondBody, CondensedRotation, OneParameter, ThesisSpring
 
-__all__ = ["MODELS", "Body", "BondBody", "CondensedRotation", "Measure", "Model", "ThesisSpring", "make_body"]
+__all__ = [
+    "MODELS", "Body", "BondBody", "CondensedRotation", "Measure", "Model", "OneParameter", "ThesisSpring", "make_body",
+]  # fmt: skip
 
 #: Models by the name that scenes use.
-MODELS: dict[str, type[Model]] = {"condensed rotation": CondensedRotation, "thesis spring": ThesisSpring}
+MODELS: dict[str, type[Model]] = {
+    "condensed rotation": CondensedRotation,
+    "thesis spring": ThesisSpring,
+    "one-parameter": OneParameter,
+}
 
 
 def make_body(

@@ -17,6 +17,7 @@ import numpy as np
 from pdhe.bonds import Bonds
 from pdhe.kernels import mechanics
 from pdhe.kernels.jit import as_float
+from pdhe.materials.constants import micromodulus
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,8 @@ class Model:
     poissons_ratio: float = field(metadata={"unit": "1"})
     thickness: float = field(metadata={"unit": "m"})
     horizon: float = field(metadata={"unit": "m"})
+    #: ``stress`` or ``strain``: which of the two vanishes across the plate; None in three dimensions.
+    plane: str | None = "stress"
     #: What is made of this model and a set of bonds.
     body: ClassVar[type[Body]]
     #: Whether rigid rotations are free.
@@ -40,8 +43,7 @@ class Model:
 
         The energy of a bond counts as a stretch through it, whatever the model.
         """
-        e, nu = self.youngs_modulus, self.poissons_ratio
-        return 6.0 * e / (np.pi * self.thickness * self.horizon**3 * (1.0 - nu))
+        return micromodulus(self.youngs_modulus, self.poissons_ratio, self.plane, self.thickness, self.horizon)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import numpy as np
 from pdhe.bonds import Bonds
 from pdhe.kernels import lattice, mechanics
 from pdhe.kernels.jit import as_float
+from pdhe.materials import constants
 from pdhe.materials.body import Body, Measure, Model
 
 #: Damage at which the tangential stiffness of a node has faded out where that stiffness is negative (theory, eq. 2.5).
@@ -38,7 +39,7 @@ class BondBody(Body):
 
     @property
     def can_be_indefinite(self) -> bool:
-        """True above a Poisson's ratio of 1/3, where the tangential stiffness is negative."""
+        """True where the tangential stiffness is negative: at large Poisson's ratios."""
         return self.tangential < 0.0
 
     def _refresh(self, nodes: np.ndarray) -> None:
@@ -188,8 +189,11 @@ class CondensedRotation(Model):
 
     @property
     def tangential_ratio(self) -> float:
-        """Tangential over normal micromodulus (theory, eq. 2.3); negative above a Poisson's ratio of 1/3."""
-        return (1.0 - 3.0 * self.poissons_ratio) / (1.0 + self.poissons_ratio)
+        """Tangential over normal micromodulus (theory, eq. 2.3).
+
+        Negative above a Poisson's ratio of 1/3 in plane stress, of 1/4 in plane strain.
+        """
+        return constants.tangential_ratio(self.poissons_ratio, self.plane)
 
 
 @dataclass(frozen=True)
@@ -202,3 +206,20 @@ class ThesisSpring(CondensedRotation):
 
     condenses_rotation = False
     objective = False
+
+
+@dataclass(frozen=True)
+class OneParameter(CondensedRotation):
+    """The classical bond, with a normal spring alone (Silling 2000): Poisson's ratio is 1/3, or 1/4 in plane strain.
+
+    What else is asked for as Poisson's ratio is not regarded; Young's modulus is.
+    """
+
+    condenses_rotation = False
+    tangential_ratio = 0.0
+
+    @property
+    def normal(self) -> float:
+        """Micromodulus, N/m^6: eq. 2.2 of the theory at the ratio that such bonds have."""
+        ratio = constants.ONE_PARAMETER[self.plane]
+        return constants.micromodulus(self.youngs_modulus, ratio, self.plane, self.thickness, self.horizon)

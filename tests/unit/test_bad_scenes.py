@@ -225,6 +225,24 @@ BAD = {
     "strongly auxetic": ({"material.poissons_ratio": -0.95}, "material.poissons_ratio", "bond model", "at least -0.9"),
     "thesis spring above 1/3": (THESIS_SPRING, "material.poissons_ratio", "indefinite", "condensed rotation"),
     "unknown model": ({"mechanics.model": "bond"}, "mechanics.model", "not one of the choices", "`thesis spring`"),
+    "thesis spring above 1/4 in plane strain": (
+        {"mechanics": {"model": "thesis spring", "plane": "strain"}},
+        "material.poissons_ratio",
+        "above 1/4",
+        "condensed rotation",
+    ),
+    "one parameter, other ratio": (
+        {"mechanics": {"model": "one-parameter"}},
+        "material.poissons_ratio",
+        "which is 1/3 in plane stress",
+        "give 0.3333",
+    ),
+    "toughness of the other plane": (
+        {"mechanics": {"plane": "strain"}, "material.critical_energy_release_rate": "16.476 kJ/m^2"},
+        "material.critical_energy_release_rate",
+        "(1-nu^2) K^2/E, plane strain",
+        "one of the two",
+    ),
     "contradictory toughness": (
         {"material.critical_energy_release_rate": "2 kJ/m^2"},
         "material.critical_energy_release_rate",
