@@ -84,7 +84,8 @@ def move_to(case: Case, state: State, motion: Motion, t: float) -> None:
     u, force = motion.at(t)
     fixed = case.conditions.fixed
     mean = -0.5 * (force[fixed] + state.force[fixed])
-    state.external_work += float(np.sum(mean * (u[fixed] - state.displacement[fixed])))
+    work = float(np.sum(mean * (u[fixed] - state.displacement[fixed])))
+    state.external_work += case.copies * work
     state.displacement, state.force = u, force
 
 
@@ -275,14 +276,15 @@ def break_bonds(case: Case, state: State, candidates: Candidates, chosen, fracti
     """Break the chosen candidates and book their energy and how far the crack has come."""
     body, i, j = case.body, candidates.i[chosen], candidates.j[chosen]
     bond = candidates.bond[chosen]
-    state.fracture_energy += float(np.sum(candidates.energy(fraction)[chosen]))
+    counted = np.broadcast_to(body.bonds.counted(bond), bond.shape)
+    state.fracture_energy += float(np.sum(counted * candidates.energy(fraction)[chosen]))
     body.break_bonds(bond)
-    state.broken_bonds += bond.size
-    recorder.broke(i, j, state.time)
+    state.broken_bonds += round(float(counted.sum()))
+    recorder.broke(i, body.bonds.numbered(bond), state.time)
     d = case.discretization
     short = body.bonds.length[bond] <= 1.5 * 0.5 * (d.spacing[i] + d.spacing[j])
     if short.any() and case.scene.geometry.cracks:
-        middle = 0.5 * (d.coordinates[i[short]] + d.coordinates[j[short]])
+        middle = body.bonds.middles(d.coordinates, i[short], bond[short])
         away = np.min([distance_to_segment(middle, c.start, c.end) for c in case.scene.geometry.cracks], axis=0)
         if away.max() > state.crack_extension:
             state.crack_extension = float(away.max())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +38,14 @@ class DisplacementConditions:
     An edge's displacement belongs to the edge, but the outermost nodes sit half a cell inside it. Where the opposite
     edge prescribes the same component, the nodes take the value that a uniform strain between both edges has at their
     place; without this the strain would be too large by spacing over plate size. ``at: nodes`` switches that off.
+    Opposite a mirror line the other edge is the image of this one.
+
+    Parameters
+    ----------
+    mirrors
+        Edges that are mirror lines.
+    times
+        By what forces on a set along a component are multiplied to be those of the whole body, where not by 1.
 
     Attributes
     ----------
@@ -51,8 +59,11 @@ class DisplacementConditions:
         node_sets: dict[str, np.ndarray],
         coordinates: np.ndarray,
         size: tuple[float, float],
+        mirrors: tuple[str, ...] = (),
+        times: Mapping[tuple[str, int], float] | None = None,
     ) -> None:
         self.prescribed, self.node_sets = prescribed, node_sets
+        self.times = dict(times or {})
         self.shape = coordinates.shape
         self.fixed = np.zeros(self.shape, bool)
         self._patterns: list[tuple[int, int, np.ndarray, np.ndarray]] = []  # (load, component, nodes, factor)
@@ -61,10 +72,15 @@ class DisplacementConditions:
             nodes = node_sets[load.on][~self.fixed[node_sets[load.on], load.component]]
             self.fixed[nodes, load.component] = True
             partner = self._partner(load)
+            opposite, axis = OPPOSITE.get(load.on, ("", 0))
+            if opposite in mirrors and axis == load.component and load.at == "edge":
+                # The image moves the other way, so that a uniform strain leaves the mirror line at rest.
+                place = coordinates[nodes, axis] / size[axis]
+                self._patterns.append((index, axis, nodes, place if load.on in ("right", "top") else 1.0 - place))
+                continue
             if partner is None:
                 self._patterns.append((index, load.component, nodes, np.ones(nodes.size)))
                 continue
-            axis = OPPOSITE[load.on][1]
             place = coordinates[nodes, axis] / size[axis]
             own = place if load.on in ("right", "top") else 1.0 - place
             self._patterns.append((index, load.component, nodes, own))
@@ -92,7 +108,8 @@ class DisplacementConditions:
 
     def reactions(self, force: np.ndarray) -> dict[str, float]:
         """Force that holds each prescribed set, N: minus the internal force summed over its nodes."""
-        return {
-            f"reaction_{load.on}_{'xy'[load.component]}": -float(force[self.node_sets[load.on], load.component].sum())
-            for load in self.prescribed
-        }
+        found = {}
+        for on, component in [(load.on, load.component) for load in self.prescribed]:
+            held = -float(force[self.node_sets[on], component].sum())
+            found[f"reaction_{on}_{'xy'[component]}"] = self.times.get((on, component), 1.0) * held
+        return found

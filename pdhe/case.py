@@ -6,15 +6,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pdhe.bonds import Bonds, Grading, build_bonds
+from pdhe.bonds import Bonds, Families, Grading, build_bonds
 from pdhe.boundary import DisplacementConditions, Prescribed
 from pdhe.damage import FailureRule, critical_stretch, crossing_sum, stretch_factors
 from pdhe.discretization import Discretization
 from pdhe.embrittlement import LAWS, resistance
 from pdhe.errors import SceneError
 from pdhe.materials import MODELS, Body, make_body
+from pdhe.mirrors import Symmetry
 from pdhe.relaxation import DynamicRelaxation
 from pdhe.scene import Scene
+from pdhe.scene_mirrors import edge_segments
 from pdhe.sizing import SizeField
 from pdhe.solvers import Equilibrium
 from pdhe.stability import NEGATIVE, least_eigenvalue
@@ -52,6 +54,11 @@ class Case:
     diffusion: Diffusion | None
 
     @property
+    def copies(self) -> int:
+        """How many times the nodes make up the whole body; 1 without mirror lines."""
+        return 2 ** len(self.scene.geometry.symmetry or ())
+
+    @property
     def body(self) -> Body | None:
         """Bonds with their present breakage."""
         return None if self.equilibrium is None else self.equilibrium.body
@@ -79,12 +86,20 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
     model = MODELS[scene.mechanics.model](
         material.youngs_modulus, material.poissons_ratio, d.thickness, scene.horizon_length, scene.mechanics.plane
     )
+    symmetry = Symmetry.of(scene.geometry)
+    if symmetry is not None and scene.loads is not None and not model.body.sees_images:
+        raise SceneError(
+            "scene", "geometry.symmetry", list(scene.geometry.symmetry), f"is not there for `{scene.mechanics.model}`",
+            "describe the whole body, or use `mechanics: {model: condensed rotation}`",
+        )  # fmt: skip
     bonds = build_bonds(
         d.coordinates, d.volume, d.spacing, d.thickness, scene.horizon_length, partial=partial,
         surface=scene.mechanics.weights if scene.loads is not None else "none",
         tangential_ratio=model.tangential_ratio,
         cracks=[(crack.start, crack.end) for crack in scene.geometry.cracks],
         grading=_grading(scene, d),
+        # Diffusion takes the images of insulated edges into its rates, which mirror lines are to it.
+        symmetry=symmetry if scene.loads is not None else None,
     )  # fmt: skip
     if bonds.length.size == 0:
         raise SceneError("scene", "horizon", scene.horizon_length, "no two nodes lie within the horizon", "raise it")
@@ -100,6 +115,8 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
             d.node_sets,
             d.coordinates,
             (scene.geometry.width, scene.geometry.height),
+            scene.geometry.symmetry or (),
+            _reaction_factors(scene, symmetry),
         )
         body = make_body(bonds, model, d.coordinates, d.volume, PRECISIONS[scene.solver.precision])
         if body.can_be_indefinite:
@@ -110,8 +127,25 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
         if scene.damage is not None:
             rule = _failure_rule(scene, d, bonds, model)
     if scene.hydrogen is not None:
-        diffusion = _diffusion(scene, d, bonds, partial)
+        diffusion = _diffusion(scene, d, bonds.within(), partial)
     return Case(scene, d, bonds, equilibrium, conditions, rule, diffusion)
+
+
+def _reaction_factors(scene: Scene, symmetry: Symmetry | None) -> dict[tuple[str, int], float]:
+    """By what to multiply the force on a set of a part: the whole set goes on beyond the mirror lines that it meets.
+
+    Across a mirror line the forces on either side cancel, along it they add.
+    """
+    factors: dict[tuple[str, int], float] = {}
+    if symmetry is None:
+        return factors
+    lines = edge_segments(scene.geometry.width, scene.geometry.height)
+    lines |= {crack.name: (crack.start, crack.end) for crack in scene.geometry.cracks}
+    for name in {load.on for load in scene.loads or ()}:
+        met = symmetry.axes if name == "all" else symmetry.touched(lines[name]) if name in lines else ()
+        for component in (0, 1):
+            factors[name, component] = float(np.prod([0.0 if axis == component else 2.0 for axis in met]))
+    return factors
 
 
 def _require_positive_stiffness(scene: Scene, body: Body, free: np.ndarray) -> None:
@@ -147,12 +181,12 @@ def _require_node_sets(scene: Scene, d: Discretization) -> None:
 
 def _failure_rule(scene: Scene, d: Discretization, bonds: Bonds, model) -> FailureRule:
     settings, hydrogen = scene.damage, scene.hydrogen
-    owner = bonds.owners()
-    may_fail = owner < bonds.neighbours
+    owner, far = bonds.owners(), bonds.far()
+    may_fail = bonds.once()
     for name in settings.no_fail:
         protected = np.zeros(d.volume.size, bool)
         protected[d.node_sets[name]] = True
-        may_fail &= ~(protected[owner] | protected[bonds.neighbours])
+        may_fail &= ~(protected[owner] | protected[far])
     if not (may_fail & ~bonds.cut).any():
         raise SceneError(
             "scene", "damage.no_fail", list(settings.no_fail), "protects every bond of this mesh", "leave `damage` out"
@@ -170,7 +204,7 @@ def _failure_rule(scene: Scene, d: Discretization, bonds: Bonds, model) -> Failu
     return rule if bonds.fineness is None else replace(rule, **stretch_factors(bonds))
 
 
-def _diffusion(scene: Scene, d: Discretization, bonds: Bonds, partial: str) -> Diffusion:
+def _diffusion(scene: Scene, d: Discretization, bonds: Families, partial: str) -> Diffusion:
     size = {"left": (0, 0.0), "right": (0, scene.geometry.width), "bottom": (1, 0.0), "top": (1, scene.geometry.height)}
     edges = {name: Edge(axis, position) for name, (axis, position) in size.items()}
     prescribed = {condition.on for condition in scene.hydrogen.boundary} & set(EDGES)

@@ -41,7 +41,7 @@ def moment_correction(offsets, length, nx, ny, volumes, horizon, thickness, orde
 
 
 def joint_correction(
-    offsets, neighbours, length, nx, ny, strength, volume, grading, reference, thickness
+    offsets, neighbours, length, nx, ny, strength, volume, grading, reference, thickness, images=None
 ) -> np.ndarray:
     """Weights that give all nodes the moments of a full neighbourhood at once, and no force in a uniform strain.
 
@@ -55,8 +55,16 @@ def joint_correction(
         ``beta V_i V_j r``, m^7 (b,), symmetric.
     reference
         Horizon that the even moments belong to, m.
+    images
+        Images of nodes beyond mirror lines (:class:`pdhe.mirrors.Images`): their multipliers are those of the nodes,
+        mirrored.
     """
-    count = volume.size
+    count = offsets.size - 1
+    volume = volume[:count]
+    mirrored = None
+    if images is not None:
+        powers = np.array([4, 3, 2, 1, 0, 3, 2, 1, 0]), np.array([0, 1, 2, 3, 4, 0, 1, 2, 3])
+        mirrored = images.sign[:, :1] ** powers[0] * images.sign[:, 1:] ** powers[1]
     whole = grading.depth >= WHOLE_FROM * grading.horizons
     full = thickness * 2.0 * np.pi * reference**3 / 3.0
     # Rows of the constraints in units of the full moment; the square root makes every node count by its volume.
@@ -66,7 +74,10 @@ def joint_correction(
     correction, sums = np.empty(length.size), np.empty((count, 9))
 
     def spread(y: np.ndarray) -> np.ndarray:
-        moments.joint_correction(offsets, neighbours, length, nx, ny, y * row * full, correction)
+        y = y * row * full
+        if mirrored is not None:
+            y = np.concatenate([y, mirrored * y[images.source]])
+        moments.joint_correction(offsets, neighbours, length, nx, ny, y, correction)
         return correction
 
     def gathered(values: np.ndarray) -> np.ndarray:

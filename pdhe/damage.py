@@ -30,6 +30,8 @@ def crossing_sum(bonds: Bonds, volume: np.ndarray) -> float:
     if bonds.fineness is not None:
         weight *= bonds.fineness
     by_direction = np.bincount(sector, weight[inside], sectors)
+    if bonds.images is not None:  # the images of these bonds are in the body as well
+        by_direction = 0.5 * (by_direction + by_direction[-np.arange(sectors)])
     direction = np.pi / sectors * np.arange(sectors)
     normals = np.pi / 180.0 * np.arange(180)
     across = np.abs(np.cos(direction[None, :] - normals[:, None])) @ by_direction
@@ -161,7 +163,7 @@ class Candidates:
         return load_of(self._parts(fraction), self.measure, self.rule.by_energy)
 
     def energy(self, fraction: float) -> np.ndarray:
-        """Elastic energy of each candidate, J (k,) (theory, eq. 2.1)."""
+        """Elastic energy of each candidate, J (k,) (theory, eq. 2.1); that of one of all the bonds it stands for."""
         return 0.5 * self.measure.stiffness * self.measure.square(self._parts(fraction))
 
     def ratio(self, fraction: float, psi: np.ndarray | None) -> np.ndarray:
@@ -203,4 +205,4 @@ def _bonds_of(bonds: Bonds, nodes: np.ndarray, among: np.ndarray) -> tuple[np.nd
     bond, owner = np.arange(shift.size) + shift, np.repeat(nodes, size).astype(np.int32)
     kept = among[bond]
     bond, owner = bond[kept], owner[kept]
-    return bond, owner, bonds.neighbours[bond]
+    return bond, owner, bonds.far(bond)

@@ -100,7 +100,7 @@ def nearest_to_failure(result: xr.Dataset, case: Case) -> Nearest | None:
     body, rule = case.body, case.rule
     may = rule.may_fail & body.intact
     load = np.where(may, body.bond_loads(result["displacement"].values[-1], rule.by_energy), 0.0)
-    owner, neighbour = case.bonds.owners(), case.bonds.neighbours
+    owner, neighbour = case.bonds.owners(), case.bonds.far()
     psi = None
     if "coverage" in result:
         coverage = result["coverage"].values[-1].astype(float)
@@ -121,7 +121,7 @@ def nearest_to_failure(result: xr.Dataset, case: Case) -> Nearest | None:
     return Nearest(
         i,
         j,
-        0.5 * (case.discretization.coordinates[i] + case.discretization.coordinates[j]),
+        case.bonds.middles(case.discretization.coordinates, owner[k : k + 1], every[k : k + 1])[0],
         float(load[k]),
         float(np.ravel(rule.resistance_at(None, every[k : k + 1]))[0]),
         float(load[k] / ratio[k]),
@@ -148,8 +148,9 @@ def rebuild(result: xr.Dataset) -> Case:
         seen = result["broken_time"].values <= result["time"].values[-1]
         i, j = result["broken_i"].values[seen], result["broken_j"].values[seen]
         bonds = case.bonds
-        key = bonds.owners().astype(np.int64) * bonds.node_count + bonds.neighbours
-        wanted = i.astype(np.int64) * bonds.node_count + j
+        nodes = case.copies * bonds.node_count
+        key = bonds.owners().astype(np.int64) * nodes + bonds.numbered()
+        wanted = i.astype(np.int64) * nodes + j
         place = np.minimum(np.searchsorted(key, wanted), key.size - 1)
         if (key[place] != wanted).any():
             raise PdheError("the bonds that broke are not among those of this code")

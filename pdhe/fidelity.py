@@ -16,6 +16,7 @@ from pydantic import ValidationError
 from pdhe.errors import SceneError
 from pdhe.scene_blocks import FIDELITIES, Geometry, Horizon
 from pdhe.scene_checks import square_cells
+from pdhe.scene_mirrors import whole_length, whole_size
 from pdhe.units import round15
 
 #: A spacing may be this much smaller than the largest that fits, to put cracks between nodes.
@@ -77,9 +78,9 @@ def kind_of(scene: Mapping[str, Any]) -> str:
 
 
 def smallest_feature(geometry: Geometry) -> float:
-    """Smallest of the plate's sides, the lengths of its cracks and the diameters of its holes, m."""
-    cracks = (math.dist(crack.start, crack.end) for crack in geometry.cracks)
-    return min(geometry.width, geometry.height, *cracks, *(2.0 * hole.radius for hole in geometry.holes))
+    """Smallest of the plate's sides, the lengths of its cracks and the diameters of its holes, m; of the whole body."""
+    cracks = (whole_length(geometry, crack) for crack in geometry.cracks)
+    return min(*whole_size(geometry), *cracks, *(2.0 * hole.radius for hole in geometry.holes))
 
 
 def spacing_for(geometry: Geometry, target: float, lattice: bool) -> float:

@@ -62,7 +62,7 @@ FIELDS: dict[str, Field] = {
         "1", "iterations of implicit diffusion steps so far, their sweeps counted above", _HISTORY
     ),
     "broken_i": Field("1", "first node of the broken bond", ("broken",)),
-    "broken_j": Field("1", "second node of the broken bond", ("broken",)),
+    "broken_j": Field("1", "second node of the broken bond; in a part, by its number in the whole body", ("broken",)),
     "broken_time": Field("s", "time at which the bond broke", ("broken",)),
 }
 

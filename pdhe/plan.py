@@ -7,6 +7,7 @@ import numpy as np
 from pdhe.case import Case
 from pdhe.errors import SceneError
 from pdhe.forecast import Forecast, Pilot, make_forecast
+from pdhe.scene_mirrors import whole_length
 from pdhe.supersteps import implicit_from
 from pdhe.transport import STEP_SAFETY, DiffusionStep
 
@@ -30,8 +31,9 @@ def make_plan(case: Case, pilot: Pilot | None = None, expected: Forecast | None 
     scene, d = case.scene, case.discretization
     lines = [
         f"scene: {scene.title}",
+        *_symmetry(case),
         f"nodes: {d.volume.size}, {_lengths(case)}, "
-        f"bonds: {case.bonds.length.size // 2}, bond memory {_bond_bytes(case) / 1e6:.1f} MB",
+        f"bonds: {case.bonds.length.size // 2}, bond memory {bond_bytes(case) / 1e6:.1f} MB",
         _mechanics(case),
         _damage(case),
         _hydrogen(case),
@@ -64,7 +66,7 @@ def warnings(case: Case, pilot: Pilot | None = None) -> list[str]:
     for crack in scene.geometry.cracks:
         if case.bonds.horizons is not None:
             horizon = float(case.bonds.horizons[case.discretization.node_sets[crack.name]].min())
-        length = float(np.hypot(*np.subtract(crack.end, crack.start)))
+        length = whole_length(scene.geometry, crack)
         if case.body is not None and length < SHORT_CRACK * horizon:
             found.append(
                 f"crack '{crack.name}' is {length / horizon:.2g} horizons long, too short for its tips not to "
@@ -86,6 +88,15 @@ def warnings(case: Case, pilot: Pilot | None = None) -> list[str]:
     return found
 
 
+def _symmetry(case: Case) -> list[str]:
+    mirrors = case.scene.geometry.symmetry
+    if not mirrors:
+        return []
+    part = "a half of the body, mirrored at its" if len(mirrors) == 1 else "a quarter of the body, mirrored at its"
+    edges = f"{mirrors[0]} edge" if len(mirrors) == 1 else f"{mirrors[0]} and {mirrors[1]} edges"
+    return [f"symmetry: the plate is {part} {edges}; energies, contents, counts and forces are those of the whole"]
+
+
 def _lengths(case: Case) -> str:
     local = case.bonds.horizons
     if local is None:
@@ -97,7 +108,8 @@ def _lengths(case: Case) -> str:
     )
 
 
-def _bond_bytes(case: Case) -> int:
+def bond_bytes(case: Case) -> int:
+    """Memory of everything that is stored bond by bond."""
     arrays = [getattr(case.bonds, name) for name in ("neighbours", "reverse", "length", "nx", "ny", "weight", "cut")]
     if case.bonds.fineness is not None:
         arrays += [case.bonds.fineness, case.bonds.horizons]
@@ -105,6 +117,8 @@ def _bond_bytes(case: Case) -> int:
         arrays += [case.body.cubed, case.body.intact]
     if case.diffusion is not None:
         arrays.append(case.diffusion.rate)
+        if case.diffusion.bonds is not case.bonds:
+            arrays += [case.diffusion.bonds.neighbours, case.diffusion.bonds.length]
     if case.rule is not None:
         arrays.append(case.rule.may_fail)
         if case.rule.factor is not None:

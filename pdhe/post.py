@@ -14,6 +14,7 @@ import xarray as xr
 
 from pdhe.errors import PdheError
 from pdhe.results import open_result
+from pdhe.whole import whole_result
 
 #: Time at which a facet on a pre-crack counts as broken, s: before everything else.
 PRE_CRACKED = -1.0
@@ -145,7 +146,11 @@ def open_facets(result: xr.Dataset, facets: Facets) -> list[np.ndarray]:
 
 
 def crack_path(result: xr.Dataset, time: float) -> np.ndarray:
-    """Return the crack at the last output until a time, pre-cracks included, as segments in m (k, 2 ends, 2)."""
+    """Return the crack at the last output until a time, pre-cracks included, as segments in m (k, 2 ends, 2).
+
+    Of a part of a symmetric body, that of the whole.
+    """
+    result = whole_result(result)
     facets = facets_of(result)
     index = max(int(np.searchsorted(result["time"].values, time, side="right")) - 1, 0)
     return result["vertices"].values[facets.vertices[open_facets(result, facets)[index]]]

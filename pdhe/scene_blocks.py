@@ -21,6 +21,12 @@ FIDELITIES = ("draft", "standard", "fine", "reference")
 """Names of the sets of settings that a scene may leave to the program, from cheap to accurate."""
 
 
+EDGES = ("left", "right", "bottom", "top")
+"""Names of the edges of the plate."""
+Mirror = Annotated[str, choice(*EDGES)]
+"""An edge that is a mirror line."""
+
+
 class Plate(Block):
     """The rectangular plate; its lower-left corner is the origin."""
 
@@ -46,11 +52,29 @@ class Crack(Block):
 
 
 class Geometry(Block):
-    """The plate with its holes and cracks."""
+    """The plate with its holes and cracks.
+
+    ``symmetry`` names edges that are mirror lines: the plate is then a half or a quarter of the body.
+    """
 
     plate: Plate
+    symmetry: Annotated[tuple[Mirror, ...], BeforeValidator(fields.as_list)] | None = None
     holes: Annotated[tuple[Hole, ...], BeforeValidator(fields.as_list)] = ()
     cracks: Annotated[tuple[Crack, ...], BeforeValidator(fields.as_list)] = ()
+
+    @field_validator("symmetry", mode="after")
+    @classmethod
+    def _mirrors_in_order(cls, symmetry: tuple[str, ...] | None) -> tuple[str, ...] | None:
+        if symmetry is not None and not symmetry:
+            raise problem("is an empty list", "name an edge that is a mirror line, or leave `symmetry` out")
+        for k, edge in enumerate(symmetry or ()):
+            if edge in symmetry[:k]:
+                raise problem(f"names `{edge}` twice", "keep one of them")
+        for pair in (("left", "right"), ("bottom", "top")):
+            if set(pair) <= set(symmetry or ()):
+                text = f"names `{pair[0]}` and `{pair[1]}`: between two mirrors the body would repeat itself for ever"
+                raise problem(text, "keep one of them")
+        return symmetry and tuple(edge for edge in EDGES if edge in symmetry)
 
     @property
     def width(self) -> float:

@@ -9,6 +9,7 @@ from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 from pdhe.scene_fields import problem
+from pdhe.scene_mirrors import Segment, check_symmetry, edge_segments, mirror_levels
 
 if TYPE_CHECKING:
     from pdhe.scene import Scene
@@ -35,8 +36,6 @@ GRADED_WEIGHTS = ("moment matched", "none")
 RESERVED = ("left", "right", "bottom", "top", "all")
 """Node set names that every plate has."""
 
-Segment = tuple[tuple[float, float], tuple[float, float]]
-
 
 def check_scene(scene: "Scene") -> None:
     """Raise the first problem of a scene whose blocks are valid one by one."""
@@ -47,6 +46,7 @@ def check_scene(scene: "Scene") -> None:
     _check_physics(scene)
     _check_material(scene)
     _check_node_sets(scene)
+    check_symmetry(scene)
     _check_loads(scene)
     _check_coverage(scene)
 
@@ -207,6 +207,8 @@ def _check_cracks(scene: "Scene") -> None:
             raise problem(text, "refine the mesh or lengthen the crack", f"{key}.to")
         for axis, side in ((0, width), (1, height)):
             for level in (0.0, side):
+                if (axis, level) in mirror_levels(scene.geometry).values():
+                    continue
                 if max(abs(crack.start[axis] - level), abs(crack.end[axis] - level)) <= slack:
                     raise problem("puts the crack along the edge, where it cuts nothing", "move it inside", f"{key}.to")
         for hole in scene.geometry.holes:
@@ -346,13 +348,7 @@ def _touch(scene: "Scene", on1: str, on2: str) -> bool:
 
 def _line(scene: "Scene", name: str) -> tuple[Segment, float]:
     """Return the segment that a node set follows, and the radius around it (zero except for holes)."""
-    width, height = scene.geometry.width, scene.geometry.height
-    edges: dict[str, Any] = {
-        "left": ((0.0, 0.0), (0.0, height)),
-        "right": ((width, 0.0), (width, height)),
-        "bottom": ((0.0, 0.0), (width, 0.0)),
-        "top": ((0.0, height), (width, height)),
-    }
+    edges = edge_segments(scene.geometry.width, scene.geometry.height)
     if name in edges:
         return edges[name], 0.0
     for hole in scene.geometry.holes:

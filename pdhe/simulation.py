@@ -194,7 +194,8 @@ def _where(run: Run) -> str:
     parts = [f"at t = {state.time:.6g} s, step {len(run.recorder.rows)}, failure round {state.failure_rounds}"]
     if run.recorder.broken:
         i, j, _ = run.recorder.broken[-1]
-        x, y = 1e3 * run.case.discretization.coordinates[[i[-1], j[-1]]].mean(axis=0)
+        # A node of the whole body beyond a mirror line is the image of one on this side.
+        x, y = 1e3 * run.case.discretization.coordinates[[i[-1], j[-1] % run.case.bonds.node_count]].mean(axis=0)
         parts.append(f"after the bond of nodes {i[-1]} and {j[-1]} broke about ({x:.4g}, {y:.4g}) mm")
     return ", ".join(parts)
 
@@ -403,7 +404,7 @@ def record(case: Case, state: State, recorder: Recorder, snapshot: bool) -> None
         row |= case.conditions.reactions(state.force)
         row |= {f"applied_{p.on}_{'xy'[p.component]}": p.value(state.time) for p in case.conditions.prescribed}
         # In equilibrium of a linear body: half the work of the forces that hold it, without another sweep.
-        row["elastic_energy"] = -0.5 * float(np.sum(state.force * state.displacement))
+        row["elastic_energy"] = -0.5 * case.copies * float(np.sum(state.force * state.displacement))
         row["external_work"] = state.external_work
         row |= {
             "equilibrium_solves": work.equilibrium_solves,
@@ -432,8 +433,8 @@ def record(case: Case, state: State, recorder: Recorder, snapshot: bool) -> None
         content = float(np.sum(state.coverage * volume))
         row |= {
             "mean_coverage": content / float(volume.sum()),
-            "hydrogen_content": content,
-            "hydrogen_influx": float(state.supply.sum()),
+            "hydrogen_content": case.copies * content,
+            "hydrogen_influx": case.copies * float(state.supply.sum()),
             "diffusion_sweeps": state.diffusion_sweeps,
             "diffusion_iterations": state.diffusion_iterations,
         }
@@ -445,4 +446,4 @@ def record(case: Case, state: State, recorder: Recorder, snapshot: bool) -> None
 
 def equivalent_crack_length(case: Case) -> float:
     """Length of a straight crack that would cut as much bond weight as is broken, m (theory, eq. 5.9)."""
-    return case.body.broken_weight / (case.rule.crossing * case.discretization.thickness)
+    return case.copies * case.body.broken_weight / (case.rule.crossing * case.discretization.thickness)

@@ -29,6 +29,7 @@ class SizeField:
     def __init__(self, geometry: Geometry, mesh_spec: Mesh) -> None:
         self.coarsest, self.growth = mesh_spec.spacing, mesh_spec.growth_rate
         self.size = geometry.width, geometry.height
+        self.mirrors = frozenset(geometry.symmetry or ())
         self.holes = [(hole.centre, hole.radius) for hole in geometry.holes]
         #: Each refinement as a segment with a radius: start x and y, its vector x and y, radius, spacing, within; m.
         self.regions: list[tuple[float, ...]] = []
@@ -64,9 +65,10 @@ class SizeField:
         return size
 
     def depth(self, points: np.ndarray) -> np.ndarray:
-        """Distance of places inside the plate from its nearest edge or hole, m (n,)."""
+        """Distance of places inside the plate from its nearest edge or hole, m (n,); mirror lines are no edges."""
         (x, y), (width, height) = np.asarray(points, float).T, self.size
-        depth = np.minimum(np.minimum(x, width - x), np.minimum(y, height - y))
+        edges = {"left": x, "right": width - x, "bottom": y, "top": height - y}
+        depth = np.minimum.reduce([away for name, away in edges.items() if name not in self.mirrors])
         for (x0, y0), radius in self.holes:
             depth = np.minimum(depth, np.hypot(x - x0, y - y0) - radius)
         return depth

@@ -64,6 +64,8 @@ class Preconditioner:
         self.inverse_diagonal = np.where(free & (diagonal > 0.0), 1.0 / np.where(diagonal > 0.0, diagonal, 1.0), 0.0)
         starts, column, value = body.short_stiffness(0.5 * SHORT_REACH * spacing, self.free)
         matrix = sp.bsr_matrix((value, column, starts), shape=(2 * n, 2 * n))
+        if body.bonds.images is not None:
+            matrix.sum_duplicates()
         del starts, column, value
         centred = coordinates - coordinates.mean(axis=0)
         modes = np.zeros((n, 2, 3))

@@ -28,6 +28,8 @@ class State:
         Hydrogen that entered through each node, m^3 (n,).
     long_step
         Length that the next long diffusion step should try, s.
+    external_work, fracture_energy, broken_bonds
+        J, J and a number, of the whole body where only a part of it is computed.
     stepper
         What takes long diffusion steps, kept while held nodes and edges stay as they are.
     """

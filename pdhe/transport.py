@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from pdhe.bonds import Bonds, partial_volume, two_sided_volume
+from pdhe.bonds import Families, partial_volume, two_sided_volume
 from pdhe.corrections import WEIGHT_LIMITS
 from pdhe.kernels import diffusion as kernels
 from pdhe.kernels import lattice
@@ -42,7 +42,7 @@ class Diffusion:
         For each prescribed edge by name: 1/s per node (n,), to be multiplied with (edge coverage - node coverage).
     """
 
-    bonds: Bonds
+    bonds: Families
     volume: np.ndarray
     rate: np.ndarray
     exchange: dict[str, np.ndarray]
@@ -158,7 +158,7 @@ def steady_flux(flux: np.ndarray) -> np.ndarray:
 
 
 def build_diffusion(
-    bonds: Bonds,
+    bonds: Families,
     coordinates: np.ndarray,
     volume: np.ndarray,
     spacing: np.ndarray,

@@ -38,7 +38,7 @@ def lattice_nodes(scene: Scene) -> Discretization:
     for crack in g.cracks:
         row = round(crack.start[1] / dy)
         length = round(crack.end[0] / dx)
-        sets[crack.name] = number[row - 1 : row + 1, :length].ravel()
+        sets[crack.name] = number[max(row - 1, 0) : row + 1, :length].ravel()
     sets["all"] = number.ravel()
     n = number.size
     return Discretization(

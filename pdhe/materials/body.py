@@ -92,7 +92,11 @@ class Body(ABC):
         ``beta lambda V_i V_j / r^3`` of each directed bond, m^3 (b,); zero where it is broken.
     normal
         Micromodulus that the energy of a bond is made a stretch with, N/m^6.
+    sees_images
+        Whether nodes may be bonded to images of nodes: the plate may then be a part of a symmetric body.
     """
+
+    sees_images: ClassVar[bool] = False
 
     def __init__(
         self,
@@ -104,6 +108,11 @@ class Body(ABC):
     ) -> None:
         self.bonds, self.model, self.volume = bonds, model, volume
         self.coordinates = as_float(coordinates, (bonds.node_count, np.shape(coordinates)[-1]))
+        # As far as neighbours go: behind the nodes of the body, those images of nodes that they are bonded to.
+        images = bonds.images
+        self._x = self.coordinates if images is None else images.positions
+        self._volumes = volume if images is None else images.extend(volume)
+        self._moved = None if images is None else np.zeros_like(self._x)
         self.normal = model.normal
         self.intact = ~bonds.cut
         self.broken: list[np.ndarray] = []
@@ -165,7 +174,7 @@ class Body(ABC):
         self.broken_weight += self._weight_of(both)
         self.intact[both] = False
         self.cubed[both] = 0.0
-        nodes = np.unique(self.bonds.neighbours[both])
+        nodes = np.unique(self.bonds.far(both))
         self._count_broken(nodes)
         self._without(both, nodes)
 
@@ -174,7 +183,16 @@ class Body(ABC):
 
     def _count_broken(self, nodes: np.ndarray) -> None:
         b = self.bonds
-        mechanics.damage(nodes, b.offsets, b.neighbours, self.volume, self.intact, self._phi)
+        mechanics.damage(nodes, b.offsets, b.neighbours, self._volumes, self.intact, self._phi)
+
+    def _with_images(self, u: np.ndarray) -> np.ndarray:
+        """Displacements of nodes, and behind them those of their images."""
+        images = self.bonds.images
+        if images is None:
+            return u
+        self._moved[: images.nodes] = u
+        self._moved[images.nodes :] = images.sign * u[images.source]
+        return self._moved
 
     def _weight_of(self, bond: np.ndarray) -> float:
         weight = self.bonds.weight[bond] * self.bonds.length[bond]
@@ -199,9 +217,12 @@ class Body(ABC):
         Returns
         -------
         starts, column, value
-            Blocks of 2 by 2 in compressed rows: int32 (n + 1,), int32 (k,) ascending within a row, and (k, 2, 2).
+            Blocks of 2 by 2 in compressed rows: int32 (n + 1,), int32 (k,) ascending within a row, and (k, 2, 2). With
+            images, columns are not in order and may repeat.
         """
         b, n = self.bonds, self.bonds.node_count
+        if b.images is not None:
+            reach, free = b.images.extend(reach), b.images.extend(free)
         count, sums = np.empty(n, np.int32), np.empty((n, 2))
         mechanics.count_short(b.offsets, b.neighbours, self.cubed, reach, b.weight, b.length, count, sums)
         short, whole = sums.sum(axis=0)
@@ -210,14 +231,17 @@ class Body(ABC):
         column, value = np.empty(starts[-1], np.int32), np.empty((starts[-1], 2, 2))
         own = np.empty(n, np.int32)
         mechanics.fill_short(
-            b.offsets, b.neighbours, self.coordinates, self.cubed, reach, b.length, free, scale, starts, column, value,
-            own,
+            b.offsets, b.neighbours, self._x, self.cubed, reach, b.length, free, scale, starts, column, value, own
         )  # fmt: skip
         # A fixed degree of freedom, or one across a row of nodes, resists nothing: it gets an entry of the usual size.
         for axis in range(2):
             diagonal = value[own, axis, axis]
             typical = float(diagonal.max(initial=0.0)) or 1.0
             value[own, axis, axis] = np.where(diagonal > 1e-9 * typical, diagonal, typical)
+        if b.images is not None:
+            image = np.flatnonzero(column >= n)
+            value[image] *= b.images.sign[column[image] - n][:, None, :]
+            column = b.images.fold(column)
         return starts, column, value
 
     def bond_loads(self, u: np.ndarray, by_energy: bool) -> np.ndarray:
@@ -254,7 +278,7 @@ class Body(ABC):
         owner = self.bonds.owners()[bond]
         load = load_of(self.bond_parts(u, bond, owner, nodes), self.measure(bond, owner), by_energy)
         top = np.zeros(self.bonds.node_count)
-        np.maximum.at(top, owner, load / np.minimum(resistance[owner], resistance[self.bonds.neighbours[bond]]))
+        np.maximum.at(top, owner, load / np.minimum(resistance[owner], resistance[self.bonds.far(bond)]))
         return top, nodes
 
 

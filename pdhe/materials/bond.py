@@ -20,6 +20,8 @@ TANGENTIAL_FADE = 0.2
 class BondBody(Body):
     """Bonds that each carry a force of their own, once the rotations of their two ends are known."""
 
+    sees_images = True
+
     def __init__(
         self,
         bonds: Bonds,
@@ -29,12 +31,13 @@ class BondBody(Body):
         precision: type = np.float64,
     ) -> None:
         super().__init__(bonds, model, coordinates, volume, precision)
-        n = bonds.node_count
+        n, count = bonds.node_count, len(self._x)
         self._by_offset = None if bonds.lattice is None else bonds.lattice.arrange(self.cubed, bonds.owners())
+        self._padding = None if bonds.lattice is None else bonds.lattice.padding
         self.tangential = model.normal * model.tangential_ratio
-        self.share = np.ones(n)
+        self._share, self._spin = np.ones(count), np.zeros((count, 2))
+        self.share = self._share[:n]
         self.inverse = np.zeros(n)
-        self._spin = np.zeros((n, 2))
         self._refresh(np.arange(n, dtype=np.int32))
 
     @property
@@ -46,77 +49,117 @@ class BondBody(Body):
         """Bring what depends on the broken bonds of some nodes up to date."""
         b = self.bonds
         if self.model.condenses_rotation:
-            mechanics.rotation_weight(nodes, b.offsets, b.neighbours, self.coordinates, self.cubed, self.inverse)
+            mechanics.rotation_weight(nodes, b.offsets, b.neighbours, self._x, self.cubed, self.inverse)
         if self.tangential < 0.0:
             self.share[nodes] = np.maximum(0.0, 1.0 - self._phi[nodes] / TANGENTIAL_FADE)
+            if b.images is not None:
+                self._share[b.node_count :] = self.share[b.images.source]
+        self._grid_share, self._grid_inverse = self.share, self.inverse
+        if self._padding is not None:
+            self._grid_share = self._padding.spread(self.share, self._share[b.node_count :])
+            self._grid_inverse = self._padding.spread(self.inverse, 0.0)
 
     def _without(self, both: np.ndarray, nodes: np.ndarray) -> None:
         if self._by_offset is not None:
-            self._by_offset[self.bonds.lattice.offset[both], self.bonds.neighbours[self.bonds.reverse[both]]] = 0.0
+            owner = self.bonds.lattice.place(self.bonds.far(self.bonds.reverse[both]))
+            self._by_offset[self.bonds.lattice.offset[both], owner] = 0.0
         self._refresh(nodes)
 
     def _rotate(self, u: np.ndarray) -> np.ndarray:
-        b, x = self.bonds, self.coordinates
+        b, n = self.bonds, self.bonds.node_count
         if b.lattice is not None:
-            ux, uy = np.ascontiguousarray(u[:, 0]), np.ascontiguousarray(u[:, 1])
-            theta, turning = np.empty((2, ux.size))
-            grid, weight = b.lattice, self._by_offset
-            lattice.node_rotation(grid.step, grid.dx, grid.dy, weight, self.inverse, self.share, ux, uy, theta, turning)
-            self._spin[:, 0], self._spin[:, 1] = theta, turning
-            return self._spin
-        mechanics.node_rotation(b.offsets, b.neighbours, x, self.cubed, self.inverse, self.share, u, self._spin)
+            ux, uy = self._on_grid(u)
+            theta, turning = self._lattice_rotation(ux, uy)
+            if self._padding is None:
+                self._spin[:, 0], self._spin[:, 1] = theta, turning
+                return self._spin
+            self._spin[:n, 0], self._spin[:n, 1] = self._padding.gather(theta), self._padding.gather(turning)
+        else:
+            moved = self._with_images(u)
+            mechanics.node_rotation(
+                b.offsets, b.neighbours, self._x, self.cubed, self.inverse, self._share, moved, self._spin
+            )
+        if b.images is not None:
+            self._spin[n:] = b.images.turn[:, None] * self._spin[b.images.source]
         return self._spin
+
+    def _on_grid(self, u: np.ndarray) -> list[np.ndarray]:
+        """Either component of the displacements by place in the lattice."""
+        if self._padding is None:
+            return [np.ascontiguousarray(u[:, 0]), np.ascontiguousarray(u[:, 1])]
+        images = self.bonds.images
+        return [self._padding.spread(u[:, c], images.sign[:, c] * u[images.source, c]) for c in (0, 1)]
+
+    def _lattice_rotation(self, ux: np.ndarray, uy: np.ndarray) -> np.ndarray:
+        """Rotation by place in the lattice, and that times its share, both (p,)."""
+        grid, spin = self.bonds.lattice, np.empty((2, ux.size))
+        vectors = grid.step, grid.dx, grid.dy, self._by_offset
+        lattice.node_rotation(*vectors, self._grid_inverse, self._grid_share, ux, uy, *spin)
+        return spin
 
     def rotation(self, u: np.ndarray) -> np.ndarray:
         """Condensed rotation of each node, rad (n,)."""
-        return self._rotate(as_float(u, (self.bonds.node_count, 2)))[:, 0].copy()
+        n = self.bonds.node_count
+        return self._rotate(as_float(u, (n, 2)))[:n, 0].copy()
 
     def force(self, u: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Internal force on each node, N (n, 2): minus the derivative of the energy."""
-        b, x, out = self.bonds, self.coordinates, np.empty_like(u) if out is None else out
+        b, x, out = self.bonds, self._x, np.empty_like(u) if out is None else out
         if b.lattice is not None:
             return self._lattice_force(u, out)
         spin = self._rotate(u)
         mechanics.internal_force(
-            b.offsets, b.neighbours, x, self.cubed, self.share, self.normal, self.tangential, u, spin, out
-        )
+            b.offsets, b.neighbours, x, self.cubed, self._share, self.normal, self.tangential,
+            self._with_images(u), spin, out,
+        )  # fmt: skip
         return out
 
     def _lattice_force(self, u: np.ndarray, out: np.ndarray) -> np.ndarray:
-        grid, weight = self.bonds.lattice, self._by_offset
-        ux, uy = np.ascontiguousarray(u[:, 0]), np.ascontiguousarray(u[:, 1])
-        theta, turning, fx, fy = np.empty((4, ux.size))
-        vectors = grid.step, grid.dx, grid.dy, weight
-        lattice.node_rotation(*vectors, self.inverse, self.share, ux, uy, theta, turning)
-        lattice.internal_force(*vectors, self.share, self.normal, self.tangential, ux, uy, turning, fx, fy)
-        out[:, 0], out[:, 1] = fx, fy
+        grid, padding = self.bonds.lattice, self._padding
+        ux, uy = self._on_grid(u)
+        turning = self._lattice_rotation(ux, uy)[1]
+        if padding is not None:
+            place, images = padding.place, self.bonds.images
+            turning[place[images.nodes :]] = images.turn * turning[place[images.source]]
+        fx, fy = np.empty((2, ux.size))
+        vectors = grid.step, grid.dx, grid.dy, self._by_offset
+        lattice.internal_force(*vectors, self._grid_share, self.normal, self.tangential, ux, uy, turning, fx, fy)
+        out[:, 0], out[:, 1] = (fx, fy) if padding is None else (padding.gather(fx), padding.gather(fy))
         return out
 
     def energy(self, u: np.ndarray) -> np.ndarray:
         """Elastic energy of each node, J (n,): half of that of its bonds (theory, eq. 2.1)."""
-        b, x, out = self.bonds, self.coordinates, np.empty(self.bonds.node_count)
+        b, x, out = self.bonds, self._x, np.empty(self.bonds.node_count)
         spin = self._rotate(u)
         mechanics.elastic_energy(
-            b.offsets, b.neighbours, x, self.cubed, self.share, self.normal, self.tangential, u, spin, out
-        )
+            b.offsets, b.neighbours, x, self.cubed, self._share, self.normal, self.tangential,
+            self._with_images(u), spin, out,
+        )  # fmt: skip
         return out
 
     def diagonal(self) -> np.ndarray:
         """Diagonal of the stiffness with the rotations held, N/m (n, 2): an upper bound of the true diagonal."""
         b, out = self.bonds, np.empty((self.bonds.node_count, 2))
         tangential = max(self.tangential, 0.0)
-        mechanics.stiffness_diagonal(
-            b.offsets, b.neighbours, self.coordinates, self.cubed, self.normal, tangential, out
-        )
+        mechanics.stiffness_diagonal(b.offsets, b.neighbours, self._x, self.cubed, self.normal, tangential, out)
+        if b.images is not None:
+            # A node that moves against its own image stretches their bond from both ends.
+            bond = np.flatnonzero(b.reverse == np.arange(b.reverse.size))
+            node, image = b.far(bond), b.neighbours[bond]
+            square = (self._x[image] - self._x[node]) ** 2
+            against = b.images.sign[image - b.node_count] < 0.0
+            more = self.cubed[bond, None] * (self.normal * square + tangential * square[:, ::-1]) * against
+            np.add.at(out, node, more)
         return out
 
     def bond_loads(self, u: np.ndarray, by_energy: bool) -> np.ndarray:
         """Load of every directed bond, broken ones included, (b,): see :func:`pdhe.kernels.mechanics.bond_load`."""
-        b, x, out = self.bonds, self.coordinates, np.empty(self.bonds.length.size)
+        b, x, out = self.bonds, self._x, np.empty(self.bonds.length.size)
         spin = self._rotate(u)
         mechanics.bond_load(
-            b.offsets, b.neighbours, x, self.share, self.normal, self.tangential, by_energy, u, spin, out
-        )
+            b.offsets, b.neighbours, x, self._share, self.normal, self.tangential, by_energy, self._with_images(u),
+            spin, out,
+        )  # fmt: skip
         return out
 
     def largest_ratios(
@@ -126,13 +169,13 @@ class BondBody(Body):
         b, top = self.bonds, np.empty(self.bonds.node_count)
         spin = self._rotate(u)
         mechanics.largest_ratio(
-            b.offsets, b.neighbours, self.coordinates, self.share, self.normal, self.tangential, by_energy, u, spin,
-            breakable, resistance, top,
+            b.offsets, b.neighbours, self._x, self._share, self.normal, self.tangential, by_energy,
+            self._with_images(u), spin, breakable, resistance if b.images is None else b.images.extend(resistance), top,
         )  # fmt: skip
         return top, spin[:, 0].copy()
 
     def node_parts(self, u: np.ndarray) -> np.ndarray:
-        """Rotation of each node, rad (n,)."""
+        """Rotation of each node, rad (n,), and behind them those of images."""
         return self._rotate(u)[:, 0].copy()
 
     def bond_parts(
@@ -140,7 +183,7 @@ class BondBody(Body):
     ) -> np.ndarray:
         """Stretch and both tangential strains of some directed bonds, (3, k)."""
         b, theta = self.bonds, self._rotate(u)[:, 0] if nodes is None else nodes
-        other = b.neighbours[bond]
+        other, u = b.neighbours[bond], self._with_images(u)
         relative = u[other] - u[owner]
         stretch = (b.nx[bond] * relative[:, 0] + b.ny[bond] * relative[:, 1]) / b.length[bond]
         angle = (b.nx[bond] * relative[:, 1] - b.ny[bond] * relative[:, 0]) / b.length[bond]
@@ -149,7 +192,7 @@ class BondBody(Body):
     def measure(self, bond: np.ndarray, owner: np.ndarray) -> Measure:
         """Energy of some directed bonds, shear included (theory, eq. 2.1)."""
         b, ratio = self.bonds, self.tangential / self.normal
-        share_i, share_j = self.share[owner], self.share[b.neighbours[bond]]
+        share_i, share_j = self.share[owner], self._share[b.neighbours[bond]]
 
         def square(parts: np.ndarray) -> np.ndarray:
             stretch, angle_i, angle_j = parts

@@ -16,6 +16,7 @@ from pdhe import post
 from pdhe.errors import PdheError
 from pdhe.plotting.shape import Extent, cell_of_pixel, displaced_corners, facet_lines, in_loops
 from pdhe.plotting.style import Style
+from pdhe.whole import whole_result
 
 #: Kinds of picture, and the block of the scene without which a result lacks the field.
 KINDS = {"damage": "damage", "displacement": "loads", "coverage": "hydrogen"}
@@ -40,6 +41,7 @@ class Picture:
     """Everything about a picture that does not depend on where it is drawn."""
 
     def __init__(self, result: xr.Dataset, kind: str, style: Style) -> None:
+        result = whole_result(result)
         self.result, self.kind = result, kind
         self.times = result["time"].values
         self.colours: Colormap = style.colour_map(kind)

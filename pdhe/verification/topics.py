@@ -21,6 +21,7 @@ TOPICS: dict[str, str] = {
     "convergence_mechanics": "pdhe.verification.convergence_mechanics",
     "toughness": "pdhe.verification.toughness",
     "graded": "pdhe.verification.graded",
+    "symmetry": "pdhe.verification.symmetry",
     "external_mechanics": "pdhe.verification.external_mechanics",
     "diffusion_slab": "pdhe.verification.diffusion_slab",
     "diffusion_operator": "pdhe.verification.diffusion_operator",
