@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,8 +11,9 @@ from pdhe.case import EDGES, Case
 from pdhe.damage import Candidates
 from pdhe.results import Recorder
 from pdhe.segments import distance_to_segment
-from pdhe.state import State
-from pdhe.supersteps import SuperStepper
+from pdhe.state import Motion, State
+from pdhe.strides import first_crossing, share_until_failure, stepper_of, stride, work_booked
+from pdhe.supersteps import SHORTEST
 from pdhe.transport import STEP_SAFETY, DiffusionStep
 
 #: Bonds this close to the most critical one break with it. Mirror-image bonds differ by the solver's tolerance only;
@@ -27,36 +27,6 @@ ROUND_OFF = 1e-9
 #: leaves the fast scene's crack within 0.3 mm of 140 mm (without the limit: 5 mm) and costs the slow scene 7 % more
 #: sweeps.
 CURVATURE = 0.1
-#: Bisection steps that locate a failure inside a step: far below any other error in time.
-BISECTIONS = 40
-
-
-@dataclass
-class Motion:
-    """Displacements between two times with prescribed values linear in between: linear too, while nothing breaks."""
-
-    t0: float
-    t1: float
-    u0: np.ndarray
-    u1: np.ndarray
-    force0: np.ndarray
-    force1: np.ndarray
-
-    def fraction(self, t: float) -> float:
-        """Share of the way from ``t0`` to ``t1`` at time t."""
-        return 1.0 if self.t1 <= self.t0 else min(max((t - self.t0) / (self.t1 - self.t0), 0.0), 1.0)
-
-    @property
-    def moving(self) -> bool:
-        """Whether the displacements change at all."""
-        return self.u1 is not self.u0
-
-    def at(self, t: float) -> tuple[np.ndarray, np.ndarray]:
-        """Displacements and forces at time t."""
-        if not self.moving:
-            return self.u0, self.force0
-        f = self.fraction(t)
-        return self.u0 + f * (self.u1 - self.u0), self.force0 + f * (self.force1 - self.force0)
 
 
 def start_motion(case: Case, state: State, until: float, guess: np.ndarray | None = None) -> Motion:
@@ -128,7 +98,7 @@ def advance(case: Case, state: State, until: float, motion: Motion | None, candi
         if candidates is not None and motion.moving:
             start, end = motion.fraction(state.time), motion.fraction(until)
             if candidates.ratio(end, None).max() >= 1.0:
-                share = _first_crossing(lambda x: candidates.ratio(start + x * (end - start), None).max())
+                share = first_crossing(lambda x: candidates.ratio(start + x * (end - start), None).max())
                 state.time += share * (until - state.time)
                 return True
         state.time = until
@@ -151,8 +121,16 @@ def _diffuse_until(
     if steady and candidates is None:
         _diffuse_far(case, state, until)
     limit = STEP_SAFETY * diffusion.stable_step(state.held)
-    allowed = limit
+    allowed, resume = limit, state.time
     while state.time < until:
+        if steady and candidates is not None and state.time >= resume:
+            failed = stride(case, state, until, motion, candidates)
+            if failed:
+                return True
+            if failed is not None:
+                continue
+            # How long a step may be grows in proportion to the time since the last jump of the coverage.
+            resume = state.time + SHORTEST * limit * min(max(SHORTEST * limit / max(state.long_step, 1e-300), 1.0), 5.0)
         now, left = state.time, until - state.time
         # Equal steps up to the target, so that no sliver of a step is left at the end.
         later = until if left <= allowed else now + left / math.ceil(left / allowed)
@@ -168,7 +146,7 @@ def _diffuse_until(
             allowed = min(limit, (later - now) * min(2.0, CURVATURE / max(curvature, 1e-300)))
             if curvature > 1.5 * CURVATURE:
                 continue
-            share = _share_until_failure(step, motion, candidates, now, later)
+            share = share_until_failure(step, motion, candidates, now, later)
         reached = 1.0 if share is None else share
         state.coverage = step.coverage(reached)
         state.supply += step.supply(reached)
@@ -182,18 +160,13 @@ def _diffuse_until(
 
 def _diffuse_far(case: Case, state: State, until: float) -> None:
     """Go on with long steps while they pay: nothing can break, and nothing prescribed changes."""
-    diffusion, span = case.diffusion, until - state.time
-    source = diffusion.source({c.on: c.coverage(state.time) for c in case.scene.hydrogen.boundary if c.on in EDGES})
-    stepper = state.stepper
-    if stepper is None or not stepper.fits(state.held, source):
-        stepper = state.stepper = SuperStepper(diffusion, state.held.copy(), source)
+    stepper = stepper_of(case, state)
+    span = until - state.time
     if span < stepper.shortest:
         return
-    sweeps, iterations = stepper.sweeps, stepper.iterations
-    state.coverage, entered, state.long_step = stepper.advance(state.coverage, span, state.long_step)
+    with work_booked(state, stepper):
+        state.coverage, entered, state.long_step = stepper.advance(state.coverage, span, state.long_step)
     state.supply += entered
-    state.diffusion_sweeps += stepper.sweeps - sweeps
-    state.diffusion_iterations += stepper.iterations - iterations
     state.time = until
 
 
@@ -206,39 +179,6 @@ def substep(case: Case, state: State, until: float) -> None:
     state.coverage, state.time = new, until
     state.diffusion_sweeps += 1
     hold_prescribed_coverage(case, state)
-
-
-def _share_until_failure(
-    step: DiffusionStep, motion: Motion, candidates: Candidates, now: float, later: float
-) -> float | None:
-    """Share of a diffusion step after which the first candidate is critical; None if none becomes so."""
-    f0, f1 = (motion.fraction(now), motion.fraction(later)) if motion.moving else (0.0, 0.0)
-    last = candidates.ratio(f1, step.coverage(1.0))
-    if last.max() < 1.0:
-        return None
-    # Whichever is critical first is so at the end as well: the others need no second look.
-    rows = np.flatnonzero(last >= 1.0)
-    i, j = candidates.i[rows], candidates.j[rows]
-
-    def worst(share: float) -> float:
-        psi = 0.5 * (step.coverage(share, i) + step.coverage(share, j))
-        return float(candidates.ratio_at(f0 + share * (f1 - f0), psi, rows).max())
-
-    return _first_crossing(worst)
-
-
-def _first_crossing(worst) -> float:
-    """Share of a step at which ``worst`` reaches 1, from above: the returned point is critical."""
-    if worst(0.0) >= 1.0:
-        return 0.0
-    low, high = 0.0, 1.0
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        if worst(middle) >= 1.0:
-            high = middle
-        else:
-            low = middle
-    return high
 
 
 def fail_until_stable(

@@ -22,14 +22,13 @@ from typing import Any
 
 import numpy as np
 
-from pdhe.advance import Motion
 from pdhe.case import Case
 from pdhe.discretization import Discretization
 from pdhe.errors import Interrupted, PdheError
 from pdhe.provenance import digest, fingerprint, versions
 from pdhe.results import Recorder
 from pdhe.solvers import Work
-from pdhe.state import State
+from pdhe.state import Motion, State
 from pdhe.supersteps import SuperStepper
 from pdhe.wholefile import intact, moved_when_whole
 

@@ -21,6 +21,8 @@ COPIES = 2.7
 #: Nodes of a pilot, and by how much coarser it must be to be worth it. For the main scene (20,000 nodes) it costs one
 #: or two hundredths of the run.
 PILOT_NODES, LEAST_COARSENING = 800, 2.0
+#: Nodes of a graded mesh from which one is flown: it has a quarter of them, fewer tell nothing.
+LEAST_GRADED = 1200
 #: Time of an iteration of the equilibrium, and of the search for failures after it, in force sweeps; of a diffusion
 #: sweep inside a run, in bare ones (measured 2.8, 4 and 1.4 at 20,000 nodes).
 ITERATION, SEARCH, STEP = 2.8, 4.0, 1.4
@@ -36,13 +38,16 @@ class Pilot:
     ----------
     nodes
         Their number.
+    coarsening
+        Its spacing over that of the run; on graded meshes the same at every place.
     counts
-        Last value of each history, by name.
+        Last value of each history, by name, and ``sweeps_before_failure``.
     largest_load
         Largest load over resistance that it met; None without damage.
     """
 
     nodes: int
+    coarsening: float
     counts: dict[str, float]
     largest_load: float | None
 
@@ -71,13 +76,25 @@ class Forecast:
 def pilot_scene(scene: Scene, nodes: int) -> Scene | None:
     """The scene on a mesh of about :data:`PILOT_NODES` nodes; None where that is no coarser or cannot be meshed.
 
-    None for graded meshes as well: coarser ones would not keep the ratio of fine to coarse parts.
+    A graded mesh keeps its shape: all spacings become larger by the same factor. Where bonds may break, all outputs but
+    the last are left out: on few nodes they, and not the failures, would decide on the length of diffusion steps.
     """
     coarsening = math.sqrt(nodes / PILOT_NODES)
-    if coarsening < LEAST_COARSENING or scene.mesh.refine:
+    if scene.mesh.refine:
+        coarsening = max(LEAST_COARSENING, coarsening) if nodes >= LEAST_GRADED else 0.0
+    if coarsening < LEAST_COARSENING:
         return None
     content = scene.resolved()
-    content["mesh"]["spacing"] = scene.mesh.spacing * coarsening
+    mesh = content["mesh"]
+    mesh["spacing"] = scene.mesh.spacing * coarsening
+    for region in mesh.get("refine") or ():
+        region["spacing"] *= coarsening
+    if scene.mesh.refine:
+        # Bonds must not be longer than any horizon (theory, section 3), which bounds the growth.
+        growth = scene.mesh.growth_rate
+        mesh["growth"] = min(growth * coarsening, max(growth, 0.9 / scene.horizon.ratio))
+    if scene.damage is not None:
+        content["outputs"] = {"times": [scene.time.end]}
     try:
         return Scene.from_resolved(content)
     except SceneError:
@@ -89,8 +106,9 @@ def make_forecast(case: Case, pilot: Pilot | None) -> Forecast:
 
     With the spacing h, a crack takes rounds of failures in proportion to 1/h for each length of growth. Where hydrogen
     carries it, its speed goes with 1/h as well, until it has crossed the plate. Iterations of an equilibrium do not
-    change. Steps of the diffusion grow as 1/h^2 while bonds can break, and as 1/h where long steps are taken (their
-    stages grow as the square root of the length of a step). Fixed stepping has the same number of everything.
+    change. Sweeps of the diffusion grow as 1/h up to the first failure (stages grow as the square root of the length of
+    a step), and are as many for each failure from then on: how long they are apart goes with the longest plain step.
+    Fixed stepping has the same number of everything.
 
     Cracks on so coarse a mesh are rough guides: times are right within a factor of three (the benchmark `same_answer`
     has 2.7), counts of failures less so.
@@ -102,14 +120,15 @@ def make_forecast(case: Case, pilot: Pilot | None) -> Forecast:
     memory = PROCESS + share * bonds + COPIES * fields
     if pilot is None:
         return Forecast(memory)
-    coarsening = math.sqrt(case.discretization.volume.size / pilot.nodes)
+    coarsening = pilot.coarsening
     last, fixed = pilot.counts, case.scene.stepping.mode == "fixed"
     rounds = last.get("failure_rounds", 0.0) * (1.0 if fixed else coarsening * _faster(case, pilot, coarsening))
-    before = last.get("equilibrium_solves", 0.0) - last.get("failure_rounds", 0.0)
-    solves = max(before, 0.0) + rounds
+    solves = max(last.get("equilibrium_solves", 0.0) - last.get("failure_rounds", 0.0), 0.0) + rounds
     iterations = last.get("equilibrium_iterations", 0.0) / max(last.get("equilibrium_solves", 0.0), 1.0) * solves
-    power = 0.0 if fixed else 2.0 if case.rule is not None else 1.0
-    sweeps = last.get("diffusion_sweeps", 0.0) * coarsening**power
+    sweeps, before = last.get("diffusion_sweeps", 0.0), last.get("sweeps_before_failure", 0.0)
+    if not fixed:
+        more = rounds / last["failure_rounds"] if last.get("failure_rounds") else 1.0
+        sweeps = before * coarsening + (sweeps - before) * more
     force, diffusion = _sweep_seconds(case)
     seconds = OVERHEAD + force * (ITERATION * iterations + SEARCH * solves) + STEP * diffusion * sweeps
     return Forecast(

@@ -168,8 +168,8 @@ def _hydrogen(case: Case) -> str:
     if stepping.mode == "fixed":
         return f"{text}at least {count:.0f} sweeps"
     return (
-        f"{text}{count:.0f} sweeps for the whole time; fewer while nothing can break: steps of many stages, implicit "
-        f"ones where accuracy allows more than about {implicit_from(limit):.3g} s"
+        f"{text}{count:.0f} sweeps for the whole time; fewer except just after failures: steps of many stages, "
+        f"implicit ones where accuracy allows more than about {implicit_from(limit):.3g} s"
     )
 
 

@@ -159,8 +159,16 @@ def fly_pilot(scene: Scene, nodes: int) -> Pilot | None:
         )
         if name in variables
     }
+    if "diffusion_sweeps" in variables:
+        # The first row is the start, and where nothing breaks the last one is what counts.
+        rounds = variables["failure_rounds"].values if "failure_rounds" in variables else np.zeros(1)
+        first = int(np.argmax(rounds > 0)) if rounds[-1] > 0 else -1
+        counts["sweeps_before_failure"] = float(variables["diffusion_sweeps"].values[first])
     largest = variables.get("largest_load")
-    return Pilot(case.discretization.volume.size, counts, None if largest is None else float(np.max(largest.values)))
+    return Pilot(
+        case.discretization.volume.size, coarse.mesh.spacing / scene.mesh.spacing, counts,
+        None if largest is None else float(np.max(largest.values)),
+    )  # fmt: skip
 
 
 def simulate(case: Case, progress: Progress | None = None) -> xr.Dataset:

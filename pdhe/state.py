@@ -51,3 +51,39 @@ class State:
     diffusion_iterations: int = 0
     crack_extension: float = 0.0
     crack_tip: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))
+
+
+@dataclass
+class Motion:
+    """Displacements between two times with prescribed values linear in between: linear too, while nothing breaks.
+
+    Attributes
+    ----------
+    t0, t1
+        s.
+    u0, u1, force0, force1
+        Displacements, m, and internal forces, N, at the two times, (n, 2).
+    """
+
+    t0: float
+    t1: float
+    u0: np.ndarray
+    u1: np.ndarray
+    force0: np.ndarray
+    force1: np.ndarray
+
+    def fraction(self, t: float) -> float:
+        """Share of the way from ``t0`` to ``t1`` at time t."""
+        return 1.0 if self.t1 <= self.t0 else min(max((t - self.t0) / (self.t1 - self.t0), 0.0), 1.0)
+
+    @property
+    def moving(self) -> bool:
+        """Whether the displacements change at all."""
+        return self.u1 is not self.u0
+
+    def at(self, t: float) -> tuple[np.ndarray, np.ndarray]:
+        """Displacements and forces at time t."""
+        if not self.moving:
+            return self.u0, self.force0
+        f = self.fraction(t)
+        return self.u0 + f * (self.u1 - self.u0), self.force0 + f * (self.force1 - self.force0)

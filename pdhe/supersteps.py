@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -46,6 +48,70 @@ def implicit_from(short: float) -> float:
     return 0.25 * (stages**2 + stages - 2.0) * short
 
 
+def within(psi: np.ndarray, low: float, high: float) -> bool:
+    """Whether a coverage keeps within bounds, but for round-off."""
+    return bool(psi.min() >= low - BOUND_SLACK and psi.max() <= high + BOUND_SLACK)
+
+
+def growth_of(error: float) -> float:
+    """Factor by which a step may grow, or has to shrink, after a local error in shares of the allowed one."""
+    return 0.8 * max(error, 1e-300) ** (-1.0 / 3.0)
+
+
+@dataclass(frozen=True)
+class LongStep:
+    """A step by its two ends, with the coverage at any instant inside it: the cubic that has the rates of both ends.
+
+    Attributes
+    ----------
+    start, start_rate, start_flux, end, end_rate, end_flux
+        Coverage, its rate, 1/s, and the flow in through each node, m^3/s, all (n,).
+    entered
+        What entered through each node, m^3 (n,).
+    length
+        s.
+    """
+
+    start: np.ndarray
+    start_rate: np.ndarray
+    start_flux: np.ndarray
+    end: np.ndarray
+    end_rate: np.ndarray
+    end_flux: np.ndarray
+    entered: np.ndarray
+    length: float
+
+    @cached_property
+    def error(self) -> float:
+        """Largest estimate of the local error of the coverage."""
+        return float(np.abs(self._errors).max())
+
+    def error_between(self, i: np.ndarray, j: np.ndarray) -> float:
+        """The same for the mean coverage of pairs of nodes."""
+        return 0.5 * float(np.abs(self._errors[i] + self._errors[j]).max())
+
+    @cached_property
+    def _errors(self) -> np.ndarray:
+        return 0.8 * (self.start - self.end) + 0.4 * self.length * (self.start_rate + self.end_rate)
+
+    def coverage(self, share: float, nodes: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """Coverage of some nodes after a share of the step."""
+        come, first, last = _cubic(share)
+        turn = self.length * (first * self.start_rate[nodes] + last * self.end_rate[nodes])
+        return self.start[nodes] + come * (self.end[nodes] - self.start[nodes]) + turn
+
+    def supply(self, share: float) -> np.ndarray:
+        """What entered through each node from outside during a share of the step, m^3 (n,)."""
+        come, first, last = _cubic(share)
+        return come * self.entered + self.length * (first * self.start_flux + last * self.end_flux)
+
+
+def _cubic(share: float) -> tuple[float, float, float]:
+    """Weights of the change and of the rates at start and end; 1, 0 and 0 at the end."""
+    rest = 1.0 - share
+    return share**2 * (3.0 - 2.0 * share), share * rest**2, -(share**2) * rest
+
+
 class SuperStepper:
     """Second-order Runge-Kutta-Legendre steps: s sweeps carry (s^2 + s - 2) / 4 times as far as one (eq. 4.8).
 
@@ -85,37 +151,43 @@ class SuperStepper:
             Length to start the next stretch with, s.
         """
         supply, left = np.zeros_like(psi), span
-        low, high = self._bounds(psi)
+        low, high = self.bounds(psi)
         rate, flux = self.rates(psi)
         step = max(first, self.shortest)
         while left > 0.0:
             if float(np.abs(rate).max()) * self.short <= SETTLED * TOLERANCE:
                 supply += left * steady_flux(flux)
                 break
-            length = min(step, left)
-            if self._implicit_pays(length, left):
-                new, entered, new_rate, new_flux = self._implicit(psi, rate, length)
-            else:
-                length = min(length, self.longest)
-                new, entered = self.step(psi, rate, flux, length, stages_for(length / self.short))
-                new_rate, new_flux = self.rates(new)
-            error = float(np.abs(0.8 * (psi - new) + 0.4 * length * (rate + new_rate)).max())
-            growth = 0.8 * (TOLERANCE / max(error, 1e-300)) ** (1.0 / 3.0)
-            outside = new.min() < low - BOUND_SLACK or new.max() > high + BOUND_SLACK
-            if error > TOLERANCE or outside:
+            taken = self.take(psi, rate, flux, min(step, left), left)
+            length = taken.length
+            growth = growth_of(taken.error / TOLERANCE)
+            if taken.error > TOLERANCE or not within(taken.end, low, high):
                 if length > self.shortest:
                     step = max(length * min(0.5, max(0.2, growth)), self.shortest)
                     continue
-                new, entered, length = self._plain(psi, min(left, self.shortest))
-                new_rate, new_flux = self.rates(new)
+                psi, entered, length = self._plain(psi, min(left, self.shortest))
+                rate, flux = self.rates(psi)
                 step = self.shortest
             else:
                 # A step that the end of the stretch cut off says nothing against longer ones.
                 step = max(length * min(3.0, growth), step if length < step else 0.0)
-            psi, rate, flux = new, new_rate, new_flux
+                psi, entered, rate, flux = taken.end, taken.entered, taken.end_rate, taken.end_flux
             supply += entered
             left = 0.0 if length >= left else left - length
         return psi, supply, step
+
+    def take(self, psi: np.ndarray, rate: np.ndarray, flux: np.ndarray, length: float, left: float) -> LongStep:
+        """One step from a coverage and what :meth:`rates` says of it, ``left`` seconds before the end of the stretch.
+
+        At most ``length`` seconds long, whatever its error is.
+        """
+        if self._implicit_pays(length, left):
+            end, entered, end_rate, end_flux = self._implicit(psi, rate, length)
+        else:
+            length = min(length, self.longest)
+            end, entered = self.step(psi, rate, flux, length, stages_for(length / self.short))
+            end_rate, end_flux = self.rates(end)
+        return LongStep(psi, rate, flux, end, end_rate, end_flux, entered, length)
 
     def fits(self, held: np.ndarray, source: np.ndarray) -> bool:
         """Whether this is the stepper for these nodes and edges."""
@@ -178,7 +250,7 @@ class SuperStepper:
             self.sweeps += step.sweeps
         return psi, entered, length
 
-    def _bounds(self, psi: np.ndarray) -> tuple[float, float]:
+    def bounds(self, psi: np.ndarray) -> tuple[float, float]:
         """Least and largest coverage that the present values and the edges allow."""
         sink = self.diffusion.sink()
         edge = self.source[sink > 0.0] / sink[sink > 0.0]

@@ -7,6 +7,7 @@ import random
 import re
 import signal
 import sys
+import tempfile
 import time
 from dataclasses import fields
 from pathlib import Path
@@ -19,9 +20,10 @@ from pdhe.benchmarks.problems import lattice_nodes
 from pdhe.case import build_case
 from pdhe.checkpoint import CADENCE, Keeper
 from pdhe.diagnosis import diagnose
-from pdhe.discretization import write_discretization
+from pdhe.discretization import discretize, write_discretization
 from pdhe.errors import Interrupted, PdheError, SimulationError
 from pdhe.implicit import ImplicitStepper
+from pdhe.mesh import make_mesh
 from pdhe.netcdf import read_netcdf
 from pdhe.provenance import canonical
 from pdhe.results import open_result
@@ -51,6 +53,12 @@ SLAB = {
     "time.end": "1e7 s",
     "outputs.count": 5,
 }
+#: A finer tip in a coarse plate: long steps between failures.
+GRADED = {
+    "mesh.spacing": "8 mm",
+    "mesh.refine": [{"from": ["50 mm", "50 mm"], "to": ["54 mm", "50 mm"], "spacing": "0.8 mm", "within": "2 mm"}],
+    "outputs.count": 5,
+}
 FIXED = {**COARSE, "stepping": {"mode": "fixed", "load_steps": 20, "diffusion_substeps": 100}, "outputs.count": 4}
 SCENES = {
     "events": ("smoke", COARSE, 3),
@@ -60,12 +68,18 @@ SCENES = {
     "half": ("mode_i_half", {"mesh.spacing": "10 mm", "outputs.every": None, "outputs.count": 12}, 3),
     "relaxation": ("smoke", {**COARSE, "solver.method": "dynamic relaxation", "time.end": "6e6 s"}, 5),
     "long diffusion steps": ("diffusion", SLAB, 1),
+    "triangles": ("smoke", {**COARSE, "mesh.cells": "triangle"}, 5),
+    "graded": ("mode_i_graded", GRADED, 25),
 }
 
 
 def problem(name, changes):
     scene = load_scene(f"config/scenes/{name}.yaml", changes)
-    return scene, lattice_nodes(scene)
+    if scene.mesh.cells == "quadrilateral":
+        return scene, lattice_nodes(scene)
+    with tempfile.TemporaryDirectory() as folder:
+        make_mesh(scene.geometry, scene.mesh, Path(folder, "plate.msh"))
+        return scene, discretize(Path(folder, "plate.msh"), scene.geometry, scene.mesh)
 
 
 def assert_same(path, other):
@@ -121,6 +135,9 @@ def test_a_run_ended_at_safe_points_gives_the_same_bits(name, tmp_path, monkeypa
         assert any(run.failing_from is not None for run in seen)
     if name == "long diffusion steps":
         assert last.state.stepper.implicit is not None
+    if name in ("triangles", "graded"):
+        assert last.state.broken_bonds > 0 and last.case.bonds.lattice is None
+        assert (last.case.bonds.horizons is not None) == (name == "graded")
 
 
 def solve_through_the_command_line(words, log, cadence):

@@ -70,6 +70,27 @@ def test_accurate_at_a_fraction_of_the_sweeps(slab):
     assert float(supply.sum()) == pytest.approx(content, rel=1e-13)  # measured 2e-15
 
 
+@pytest.mark.parametrize("implicitly", [False, True])
+def test_inside_a_long_step_the_coverage_is_as_accurate_as_at_its_end(slab, monkeypatch, implicitly):
+    held, source = np.zeros(slab.volume.size, bool), slab.source({"left": 1.0})
+    start, _ = short_steps(slab, np.zeros(slab.volume.size), 2e4, held, source)
+    if implicitly:
+        monkeypatch.setattr(supersteps, "STAGES_PER_ITERATION", 0.0)
+        monkeypatch.setattr(supersteps, "BUILDING", 0.0)
+    stepper, length = SuperStepper(slab, held, source), 20 * slab.stable_step(held)
+    step = stepper.take(start, *stepper.rates(start), length, length)
+    assert step.length == length and (stepper.iterations > 0) == implicitly
+    assert np.abs(step.end - start).max() > 0.01
+    for share in (0.0, 0.3, 0.7, 1.0):
+        exact, _ = short_steps(slab, start, share * length, held, source) if share else (start, 0)
+        # Measured at most 0.4 of the estimate.
+        assert np.abs(step.coverage(share) - exact).max() <= step.error
+        # What has entered is what has come, but for the share that the cubic of the coverage has of the error.
+        change = float((step.coverage(share) - start) @ slab.volume)
+        assert float(step.supply(share).sum()) == pytest.approx(change, rel=1e-10)
+    assert step.coverage(1.0) == pytest.approx(step.end, abs=1e-15)
+
+
 @settings(max_examples=40, deadline=None)
 @given(
     seed=st.integers(0, 10**6),
