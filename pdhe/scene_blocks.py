@@ -15,7 +15,7 @@ MAX_OUTPUTS = 10_000
 """Most output times of one run."""
 EMBRITTLEMENT_LAWS = ("serebrinsky",)
 """Names of the laws by which hydrogen lowers the fracture resistance."""
-MODELS = ("condensed rotation", "thesis spring", "one-parameter")
+MODELS = ("condensed rotation", "thesis spring", "one-parameter", "state-based")
 """Names of the elastic models."""
 FIDELITIES = ("draft", "standard", "fine", "reference")
 """Names of the sets of settings that a scene may leave to the program, from cheap to accurate."""

@@ -31,6 +31,8 @@ SHARING_DISTANCE = 1.5
 """Distance in spacings from which two lines cannot share a node: either set reaches at most 0.75 spacings."""
 MAX_HORIZON_GROWTH = 1.0
 """Largest growth of the horizon per length: from 1 on, a bond could be longer than what either end sees (theory)."""
+BOND_MODELS = ("condensed rotation", "thesis spring", "one-parameter")
+"""Elastic models whose bonds act one by one."""
 GRADED_WEIGHTS = ("moment matched", "none")
 """Surface corrections that know horizons that vary."""
 RESERVED = ("left", "right", "bottom", "top", "all")
@@ -275,6 +277,9 @@ def _check_material(scene: "Scene") -> None:
     if model == "thesis spring" and nu > natural + 1e-9:
         text = f"is above {name}, where the tangential springs are negative and a rotation releases energy (indefinite)"
         raise problem(text, "use `mechanics: {model: condensed rotation}`", key)
+    if model not in BOND_MODELS and scene.mechanics.weights == "energy":
+        text = f"makes up for what two-parameter bonds lack, not model `{model}`"
+        raise problem(text, "use `moment matched`", "mechanics.weights")
     if model == "one-parameter" and abs(nu - natural) > ONE_PARAMETER_TOLERANCE:
         text = f"is not the Poisson's ratio of one-parameter bonds, which is {name} in plane {plane}"
         raise problem(text, f"give {natural:.4g}, or use `mechanics: {{model: condensed rotation}}`", key)

@@ -7,16 +7,28 @@ import numpy as np
 from pdhe.bonds import Bonds
 from pdhe.materials.body import Body, Measure, Model
 from pdhe.materials.bond import BondBody, CondensedRotation, OneParameter, ThesisSpring
+from pdhe.materials.state_based import StateBased, StateBasedBody
 
 __all__ = [
-    "MODELS", "Body", "BondBody", "CondensedRotation", "Measure", "Model", "OneParameter", "ThesisSpring", "make_body",
-]  # fmt: skip
+    "MODELS",
+    "Body",
+    "BondBody",
+    "CondensedRotation",
+    "Measure",
+    "Model",
+    "OneParameter",
+    "StateBased",
+    "StateBasedBody",
+    "ThesisSpring",
+    "make_body",
+]
 
 #: Models by the name that scenes use.
 MODELS: dict[str, type[Model]] = {
     "condensed rotation": CondensedRotation,
     "thesis spring": ThesisSpring,
     "one-parameter": OneParameter,
+    "state-based": StateBased,
 }
 
 

@@ -123,11 +123,12 @@ def plate_body(
     young: float = YOUNG,
     nu: float = POISSON,
     model: str = "condensed rotation",
+    plane: str = "stress",
     cracks=(),
     grading: Grading | None = None,
 ) -> Body:
     """Bonds and bond model on the nodes of a plate; where ``grading`` is given, ``horizon`` is the reference one."""
-    law = MODELS[model](young, nu, THICKNESS, horizon)
+    law = MODELS[model](young, nu, THICKNESS, horizon, plane)
     bonds = build_bonds(
         plate.coordinates, plate.volume, plate.spacing, THICKNESS, horizon,
         partial=partial, surface=weights, tangential_ratio=law.tangential_ratio, cracks=cracks,

@@ -130,6 +130,8 @@ def follow(
     weights: str,
     partial: str,
     graded: tuple[float, Grading] | None = None,
+    model: str = "condensed rotation",
+    plane: str = "stress",
 ) -> CrackPath:
     """Follow a crack through ``cells`` spacings of growth under a unit strain, scaling the load to each break.
 
@@ -140,7 +142,8 @@ def follow(
     horizon = ratio * SPACING
     crack = ((-SPACING, middle), (notch, middle))
     reference, grading = graded or (horizon, None)
-    body = plate_body(plate, reference, weights=weights, partial=partial, cracks=[crack], grading=grading)
+    body = plate_body(plate, reference, weights=weights, partial=partial, cracks=[crack], grading=grading,
+                      model=model, plane=plane)  # fmt: skip
     tougher = np.ones(1) if grading is None else stretch_factors(body.bonds)["factor"]
     fixed = np.zeros(plate.coordinates.shape, bool)
     fixed[plate.top, 1] = fixed[plate.bottom, 1] = True
@@ -155,7 +158,8 @@ def follow(
     crossing = crossing_sum(bonds, plate.volume)
     critical = critical_stretch(body.model, crossing, TOUGHNESS, "discrete")
     continuum = (critical_stretch(body.model, crossing, TOUGHNESS, "continuum") / critical) ** 2
-    nominal = 0.5 * YOUNG * STRAIN**2 * plate.height / TOUGHNESS
+    young = YOUNG if plane == "stress" else YOUNG / (1.0 - POISSON**2)
+    nominal = 0.5 * young * STRAIN**2 * plate.height / TOUGHNESS
     stiffness = 0.5 * body.normal * bonds.weight * bonds.length
     u, _ = solver.solve(prescribed, prescribed)
     energy, tip, held, states = body.energy(u).sum(), notch, 0.0, []

@@ -237,6 +237,12 @@ BAD = {
         "which is 1/3 in plane stress",
         "give 0.3333",
     ),
+    "correction made for other models": (
+        {"mechanics": {"model": "state-based", "weights": "energy"}},
+        "mechanics.weights",
+        "two-parameter bonds",
+        "moment matched",
+    ),
     "toughness of the other plane": (
         {"mechanics": {"plane": "strain"}, "material.critical_energy_release_rate": "16.476 kJ/m^2"},
         "material.critical_energy_release_rate",
