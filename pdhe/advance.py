@@ -9,6 +9,7 @@ import numpy as np
 
 from pdhe.case import EDGES, Case
 from pdhe.damage import Candidates
+from pdhe.errors import SimulationError
 from pdhe.results import Recorder
 from pdhe.segments import distance_to_segment
 from pdhe.state import Motion, State
@@ -27,6 +28,9 @@ ROUND_OFF = 1e-9
 #: leaves the fast scene's crack within 0.3 mm of 140 mm (without the limit: 5 mm) and costs the slow scene 7 % more
 #: sweeps.
 CURVATURE = 0.1
+#: Share of the stable diffusion step below which none gets anywhere. The smallest that :data:`CURVATURE` asked for was
+#: 5e-4 in ``mode_i_fast`` at 5 mm, and 0.02 to 0.4 in five other runs of the scenes in ``config/scenes``.
+FLOOR = 1e-9
 
 
 def start_motion(case: Case, state: State, until: float, guess: np.ndarray | None = None) -> Motion:
@@ -86,11 +90,25 @@ def saturate_broken(case: Case, state: State) -> None:
     _set_coverage(case, state, np.flatnonzero(fresh), rule.coverage)
 
 
-def advance(case: Case, state: State, until: float, motion: Motion | None, candidates: Candidates | None) -> bool:
+def advance(
+    case: Case,
+    state: State,
+    until: float,
+    motion: Motion | None,
+    candidates: Candidates | None,
+    between: Callable[[], None] = lambda: None,
+) -> bool:
     """Go on in time until ``until`` or the first failure, whichever comes first; tell whether a bond fails.
 
     With hydrogen, second-order steps at the diffusion's own stable length; each gives the coverage at any instant
     inside it, so that the failure is found there by bisection. Without hydrogen, the first crossing along the motion.
+    After each step but the last, ``between`` is called: this function goes on from there if it is called anew with the
+    same arguments.
+
+    Raises
+    ------
+    SimulationError
+        If the coverage is not finite, or no step is short enough.
     """
     if candidates is not None and candidates.bond.size == 0:
         candidates = None
@@ -103,47 +121,69 @@ def advance(case: Case, state: State, until: float, motion: Motion | None, candi
                 return True
         state.time = until
         return False
-    return _diffuse_until(case, state, until, motion, candidates)
+    state.began = state.time if state.began is None else state.began
+    failed = _diffuse_until(case, state, until, motion, candidates, between)
+    state.began = state.allowed = state.resume = None
+    return failed
 
 
 def _diffuse_until(
-    case: Case, state: State, until: float, motion: Motion | None, candidates: Candidates | None
+    case: Case,
+    state: State,
+    until: float,
+    motion: Motion | None,
+    candidates: Candidates | None,
+    between: Callable[[], None],
 ) -> bool:
     diffusion, hydrogen = case.diffusion, case.scene.hydrogen
     edges = [c for c in hydrogen.boundary if c.on in EDGES]
     # Histories have no corner before `until`: equal at both ends, they are constant.
-    steady = all(c.coverage(state.time) == c.coverage(until) for c in hydrogen.boundary)
+    steady = all(c.coverage(state.began) == c.coverage(until) for c in hydrogen.boundary)
     if candidates is not None and motion.moving:
         # Loads are convex in time: below the least resistance at both ends, below it in between.
-        ends = candidates.load(motion.fraction(state.time)), candidates.load(motion.fraction(until))
+        ends = candidates.load(motion.fraction(state.began)), candidates.load(motion.fraction(until))
         if (np.maximum(*ends) < candidates.rule.weakest_of(candidates.bond)).all():
             candidates = None
     if steady and candidates is None:
-        _diffuse_far(case, state, until)
+        _diffuse_far(case, state, until, between)
     limit = STEP_SAFETY * diffusion.stable_step(state.held)
-    allowed, resume = limit, state.time
+    if state.allowed is None:
+        state.allowed, state.resume = limit, state.time
     while state.time < until:
-        if steady and candidates is not None and state.time >= resume:
+        if steady and candidates is not None and state.time >= state.resume:
             failed = stride(case, state, until, motion, candidates)
             if failed:
                 return True
             if failed is not None:
+                if state.time < until:
+                    between()
                 continue
             # How long a step may be grows in proportion to the time since the last jump of the coverage.
-            resume = state.time + SHORTEST * limit * min(max(SHORTEST * limit / max(state.long_step, 1e-300), 1.0), 5.0)
-        now, left = state.time, until - state.time
+            later = SHORTEST * limit * min(max(SHORTEST * limit / max(state.long_step, 1e-300), 1.0), 5.0)
+            state.resume = state.time + later
+        now, left, allowed = state.time, until - state.time, state.allowed
         # Equal steps up to the target, so that no sliver of a step is left at the end.
-        later = until if left <= allowed else now + left / math.ceil(left / allowed)
+        later = until if left <= allowed else now + left / math.ceil(left / max(allowed, FLOOR * limit))
+        if allowed < FLOOR * limit or later <= now:
+            raise SimulationError(
+                f"the diffusion step has shrunk to {allowed:.3g} s, below the floor of {FLOOR:g} of the stable one "
+                f"({limit:.3g} s) or the digits of the time; likely reason: the coverage of a bond that may break jumps"
+            )
         source = diffusion.source({c.on: c.coverage(0.5 * (now + later)) for c in edges})
         step = DiffusionStep(diffusion, state.coverage, later - now, state.held, source)
         state.diffusion_sweeps += step.sweeps
+        if not math.isfinite(float(step.slope.sum() + step.bend.sum())):
+            node = int(np.flatnonzero(~np.isfinite(step.slope + step.bend))[:1].sum())
+            raise SimulationError(
+                f"the coverage of node {node} is not finite after a step of {later - now:.3g} s", node
+            )
         if steady and step.settled:
             step.at_rest((until - now) / (later - now))
             later = until
         share = None
         if candidates is not None:
             curvature = step.curvature_at(candidates.i, candidates.j)
-            allowed = min(limit, (later - now) * min(2.0, CURVATURE / max(curvature, 1e-300)))
+            state.allowed = min(limit, (later - now) * min(2.0, CURVATURE / max(curvature, 1e-300)))
             if curvature > 1.5 * CURVATURE:
                 continue
             share = share_until_failure(step, motion, candidates, now, later)
@@ -155,19 +195,30 @@ def _diffuse_until(
             hold_prescribed_coverage(case, state)
         if share is not None:
             return True
+        if state.time < until:
+            between()
     return False
 
 
-def _diffuse_far(case: Case, state: State, until: float) -> None:
+def _diffuse_far(case: Case, state: State, until: float, between: Callable[[], None]) -> None:
     """Go on with long steps while they pay: nothing can break, and nothing prescribed changes."""
     stepper = stepper_of(case, state)
     span = until - state.time
-    if span < stepper.shortest:
+    if state.far is not None:
+        stretch = stepper.go_on_from(state.coverage, state.far)
+    elif span < stepper.shortest:
         return
-    with work_booked(state, stepper):
-        state.coverage, entered, state.long_step = stepper.advance(state.coverage, span, state.long_step)
-    state.supply += entered
-    state.time = until
+    else:
+        with work_booked(state, stepper):
+            stretch = stepper.begin(state.coverage, span, state.long_step)
+    while stretch.left > 0.0:
+        with work_booked(state, stepper):
+            state.supply += stepper.go_on(stretch)
+        state.coverage, state.long_step, state.far = stretch.psi, stretch.step, stretch.memory()
+        state.time = max(state.time, until - stretch.left)
+        if stretch.left > 0.0:
+            between()
+    state.time, state.far = until, None
 
 
 def substep(case: Case, state: State, until: float) -> None:
@@ -201,6 +252,10 @@ def fail_until_stable(
         worst = ratio.max()
         if worst < 1.0 - ROUND_OFF:
             break
+        if not math.isfinite(worst):
+            k = int(np.flatnonzero(~np.isfinite(ratio))[0])
+            i, j = int(candidates.i[k]), int(candidates.j[k])
+            raise SimulationError(f"the load of the bond of nodes {i} and {j} is not finite", i)
         chosen = ratio >= max(1.0 - TOGETHER, (1.0 - max(grouping, TOGETHER)) * worst)
         break_bonds(case, state, candidates, chosen, fraction, recorder)
         state.displacement, state.force = case.equilibrium.solve(state.displacement, prescribed)

@@ -1,8 +1,9 @@
 """Checkpoints: all that a run needs to go on to the same bits, in one file beside its result.
 
-A run offers itself at points where its state is simple: after each round of failures, at failures, outputs and corners
-of the loads. A checkpoint is taken there if the last one is old enough. What depends on the history of the run is in
-it; what follows from that, such as factors of preconditioners, is made again from the state it was made from.
+A run offers itself at points where its state is simple: after each step of diffusion and each round of failures, at
+failures, outputs and corners of the loads. A checkpoint is taken there if the last one is old enough. What depends on
+the history of the run is in it; what follows from that, such as factors of preconditioners, is made again from the
+state it was made from.
 """
 
 from __future__ import annotations
@@ -54,8 +55,8 @@ class Run:
         The displacements between the load corners that the run is between; None where they are to be found next.
     failing_from
         Extension of the crack, m, before the rounds of failures under way; None when there are none.
-    step
-        Load steps done, with fixed stepping.
+    step, substep
+        With fixed stepping, load steps done, and diffusion sub-steps done of the one under way.
     """
 
     case: Case
@@ -65,6 +66,7 @@ class Run:
     motion: Motion | None = None
     failing_from: float | None = None
     step: int = 0
+    substep: int = 0
 
 
 def identity(scene: Mapping[str, Any], nodes: Discretization) -> dict[str, str]:
@@ -211,7 +213,8 @@ def _cadence() -> float:
 
 def _taken(run: Run) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Everything that the future of a run depends on: what JSON keeps to the bit, and arrays."""
-    held: dict[str, Any] = {"runaways": run.runaways, "failing_from": run.failing_from, "step": run.step}
+    held: dict[str, Any] = {"runaways": run.runaways, "failing_from": run.failing_from}
+    held |= {"step": run.step, "substep": run.substep}
     arrays: dict[str, np.ndarray] = {}
     held["state"] = {}
     for field in dataclasses.fields(run.state):
@@ -275,7 +278,7 @@ def _restored(case: Case, held: Mapping[str, Any], arrays: Mapping[str, np.ndarr
     sizes = held["recorded_sizes"]
     i, j = (_parted(arrays[name], sizes) for name in ("recorded_i", "recorded_j"))
     recorder.broken = list(zip(i, j, arrays["recorded_time"].tolist(), strict=True))
-    return Run(case, state, recorder, held["runaways"], motion, held["failing_from"], held["step"])
+    return Run(case, state, recorder, held["runaways"], motion, held["failing_from"], held["step"], held["substep"])
 
 
 def _joined(pieces: list[np.ndarray]) -> tuple[list[int], np.ndarray]:

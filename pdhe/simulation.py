@@ -187,8 +187,11 @@ def _simulate(case: Case, log: Progress = _silent, keeper: Keeper | None = None)
     with threads_for(case.bonds.length.size):
         run = (keeper.load(case) if keeper else None) or _begin(case)
         step = _step_events if case.scene.stepping.mode == "events" else _step_fixed
+        offer = keeper.offer if keeper else lambda run: None
         try:
-            step(run, log, keeper.offer if keeper else lambda run: None)
+            if not run.recorder.rows:
+                _finish_beginning(run, offer)
+            step(run, log, offer)
         except SimulationError as error:
             text = f"{_where(run)}: {error}{_likely_reason(case, error.node) if INDEFINITE not in str(error) else ''}"
             raise Unfinished(text, error.node, _last_good(run, f"incomplete: {text}")) from error
@@ -231,6 +234,8 @@ def _last_good(run: Run, status: str) -> Contents:
     state, recorder = run.state, run.recorder
     # A state that must not be recorded is not a good one: what was recorded before it is kept as it is.
     with contextlib.suppress(SimulationError):
+        if run.motion is not None:  # inside a stretch of diffusion, the displacements are still those of its beginning
+            moves.move_to(run.case, state, run.motion, state.time)
         record(run.case, state, recorder, snapshot=True)
         if recorder.times[-2:-1] == [state.time]:  # what broke since then counts
             for values in (recorder.times, *recorder.snapshots.values()):
@@ -239,15 +244,23 @@ def _last_good(run: Run, status: str) -> Contents:
 
 
 def _begin(case: Case) -> Run:
-    """Run at time zero, in equilibrium and recorded."""
-    state, recorder = start(case), Recorder()
-    if case.rule is not None:
-        # Loads that are on from the start may break bonds before any time has passed.
+    """Run at time zero, in equilibrium; loads that are on from the start may break bonds before any time has passed."""
+    try:
+        return Run(case, start(case), Recorder(), failing_from=None if case.rule is None else 0.0)
+    except SimulationError as error:
+        text = f"at t = 0 s, before the first equilibrium: {error}{_likely_reason(case, error.node)}"
+        raise SimulationError(text, error.node) from error
+
+
+def _finish_beginning(run: Run, offer: Callable[[Run], None]) -> None:
+    """Let bonds fail at time zero, and record it."""
+    case, state = run.case, run.state
+    if run.failing_from is not None:
         u = state.displacement
         begin = Candidates(case.body, case.rule, u, u, state.coverage)
-        moves.fail_until_stable(case, state, begin, 0.0, recorder)
-    record(case, state, recorder, snapshot=True)
-    return Run(case, state, recorder)
+        moves.fail_until_stable(case, state, begin, 0.0, run.recorder, lambda: offer(run))
+        run.failing_from = None
+    record(case, state, run.recorder, snapshot=True)
 
 
 def start(case: Case) -> State:
@@ -289,8 +302,8 @@ def _step_events(run: Run, log: Progress, offer: Callable[[Run], None]) -> None:
         failed = False
         while state.time < corner and not failed:
             until = min([corner, *[t for t in outputs if t > state.time][:1]])
-            motion = run.motion
-            failed = moves.advance(case, state, until, motion, candidates)
+            motion, since = run.motion, (state.time, state.broken_bonds)
+            failed = moves.advance(case, state, until, motion, candidates, lambda: offer(run))
             if motion is not None:
                 moves.move_to(case, state, motion, state.time)
             if failed or state.time == corner:
@@ -298,6 +311,11 @@ def _step_events(run: Run, log: Progress, offer: Callable[[Run], None]) -> None:
             if failed:
                 run.failing_from = state.crack_extension
                 _fail(run, candidates, motion.fraction(state.time), log, offer)
+                if (state.time, state.broken_bonds) == since:
+                    raise SimulationError(
+                        "the step to the next failure has shrunk to nothing: a bond is found critical at this instant "
+                        "and does not break; likely reason: a load or a coverage that jumps"
+                    )
             # A corner of the loads is an extreme of the history, whether or not an output falls on it.
             _note_event(run, failed or state.time == corner, state.time in outputs, log, offer)
 
@@ -318,34 +336,42 @@ def _note_event(run: Run, history: bool, output: bool, log: Progress, offer: Cal
 
 
 def _step_fixed(run: Run, log: Progress, offer: Callable[[Run], None]) -> None:
-    """Equal load steps, each with equal diffusion sub-steps, an equilibrium and the failures that follow from it."""
+    """Equal load steps, each with equal diffusion sub-steps, an equilibrium and the failures that follow from it.
+
+    The run may be under way inside a load step: between two diffusion sub-steps or two rounds of failures.
+    """
     case, state, recorder = run.case, run.state, run.recorder
     stepping, end = case.scene.stepping, case.scene.time.end
-    pending = [t for t in case.scene.outputs.times if t > 0.0 and (not run.step or state.time < t * (1.0 - 1e-12))]
+    begun = end * run.step / stepping.load_steps
+    pending = [t for t in case.scene.outputs.times if t > 0.0 and (not run.step or begun < t * (1.0 - 1e-12))]
     for step in range(run.step + 1, stepping.load_steps + 1):
-        t = end * step / stepping.load_steps
-        if case.diffusion is not None:
-            begin = state.time
-            for sub in range(1, stepping.diffusion_substeps + 1):
-                moves.substep(case, state, begin + (t - begin) * sub / stepping.diffusion_substeps)
-        state.time = t
-        rounds = state.failure_rounds
-        if case.equilibrium is not None:
-            u, force = case.equilibrium.solve(state.displacement, case.conditions.values(t))
-            moves.move_to(case, state, moves.Motion(t, t, u, u, force, force), t)
-            if case.rule is not None:
-                run.failing_from = state.crack_extension
-                candidates = Candidates(case.body, case.rule, u, u, state.coverage)
-                moves.fail_until_stable(case, state, candidates, 0.0, recorder)
-                _note_runaway(run, log)
+        begin, t = end * (step - 1) / stepping.load_steps, end * step / stepping.load_steps
+        failed = run.failing_from is not None
+        if not failed:
+            if case.diffusion is not None:
+                for sub in range(run.substep + 1, stepping.diffusion_substeps + 1):
+                    moves.substep(case, state, begin + (t - begin) * sub / stepping.diffusion_substeps)
+                    run.substep = sub
+                    offer(run)
+            state.time = t
+            if case.equilibrium is not None:
+                u, force = case.equilibrium.solve(state.displacement, case.conditions.values(t))
+                moves.move_to(case, state, moves.Motion(t, t, u, u, force, force), t)
+                if case.rule is not None:
+                    run.failing_from = state.crack_extension
+        if run.failing_from is not None:
+            u, rounds = state.displacement, state.failure_rounds
+            candidates = Candidates(case.body, case.rule, u, u, state.coverage)
+            _fail(run, candidates, 0.0, log, offer)
+            failed = failed or state.failure_rounds > rounds
         output = bool(pending) and t >= pending[0] * (1.0 - 1e-12)
         while pending and t >= pending[0] * (1.0 - 1e-12):
             pending.pop(0)
-        if state.failure_rounds > rounds or output:
+        if failed or output:
             record(case, state, recorder, snapshot=output)
         if output:
             log(_progress_line(case, state))
-        run.step = step
+        run.step, run.substep = step, 0
         offer(run)
 
 

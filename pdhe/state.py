@@ -32,6 +32,10 @@ class State:
         J, J and a number, of the whole body where only a part of it is computed.
     stepper
         What takes long diffusion steps, kept while held nodes and edges stay as they are.
+    began, allowed, resume, far
+        Of a stretch of diffusion under way: when it began; the length that its next plain step may have; when long
+        steps are tried again, all s; and, of those while nothing can break, what a ``Stretch`` of supersteps keeps.
+        None between stretches.
     """
 
     time: float = 0.0
@@ -43,6 +47,10 @@ class State:
     supply: np.ndarray | None = None
     long_step: float = 0.0
     stepper: Any = None
+    began: float | None = None
+    allowed: float | None = None
+    resume: float | None = None
+    far: np.ndarray | None = None
     external_work: float = 0.0
     fracture_energy: float = 0.0
     broken_bonds: int = 0

@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from pdhe.errors import SimulationError
 from pdhe.implicit import GAMMA, ImplicitStepper
 from pdhe.transport import STEP_SAFETY, Diffusion, DiffusionStep, steady_flux
 
@@ -112,6 +113,35 @@ def _cubic(share: float) -> tuple[float, float, float]:
     return share**2 * (3.0 - 2.0 * share), share * rest**2, -(share**2) * rest
 
 
+@dataclass
+class Stretch:
+    """A stretch of time that is covered with long steps, under way.
+
+    Attributes
+    ----------
+    psi
+        Coverage (n,).
+    left, step
+        What is left of it, and the length that the next step should try, s.
+    low, high
+        Least and largest coverage that may come of it.
+    rate, flux
+        What :meth:`SuperStepper.rates` says of the coverage.
+    """
+
+    psi: np.ndarray
+    left: float
+    step: float
+    low: float
+    high: float
+    rate: np.ndarray
+    flux: np.ndarray
+
+    def memory(self) -> np.ndarray:
+        """What the rest of it depends on, beside the coverage."""
+        return np.array([self.left, self.step, self.low, self.high])
+
+
 class SuperStepper:
     """Second-order Runge-Kutta-Legendre steps: s sweeps carry (s^2 + s - 2) / 4 times as far as one (eq. 4.8).
 
@@ -150,31 +180,55 @@ class SuperStepper:
         step
             Length to start the next stretch with, s.
         """
-        supply, left = np.zeros_like(psi), span
-        low, high = self.bounds(psi)
-        rate, flux = self.rates(psi)
-        step = max(first, self.shortest)
-        while left > 0.0:
-            if float(np.abs(rate).max()) * self.short <= SETTLED * TOLERANCE:
-                supply += left * steady_flux(flux)
-                break
-            taken = self.take(psi, rate, flux, min(step, left), left)
+        supply, stretch = np.zeros_like(psi), self.begin(psi, span, first)
+        while stretch.left > 0.0:
+            supply += self.go_on(stretch)
+        return stretch.psi, supply, stretch.step
+
+    def begin(self, psi: np.ndarray, span: float, first: float) -> Stretch:
+        """Begin to cover ``span`` seconds, with a step of ``first``."""
+        return Stretch(psi, span, max(first, self.shortest), *self.bounds(psi), *self.rates(psi))
+
+    def go_on_from(self, psi: np.ndarray, memory: np.ndarray) -> Stretch:
+        """Return the stretch that said this of itself, with its coverage."""
+        sweeps = self.sweeps
+        stretch = Stretch(psi, *memory.tolist(), *self.rates(psi))
+        self.sweeps = sweeps  # these rates were counted when they were found first
+        return stretch
+
+    def go_on(self, stretch: Stretch) -> np.ndarray:
+        """Take one step of a stretch, whatever length it can have; gives what entered through each node, m^3 (n,).
+
+        Raises
+        ------
+        SimulationError
+            If the coverage is not finite any more.
+        """
+        psi, left = stretch.psi, stretch.left
+        if float(np.abs(stretch.rate).max()) * self.short <= SETTLED * TOLERANCE:
+            stretch.left = 0.0
+            return left * steady_flux(stretch.flux)
+        while True:
+            step = stretch.step
+            taken = self.take(psi, stretch.rate, stretch.flux, min(step, left), left)
             length = taken.length
+            if not math.isfinite(taken.error):
+                node = int(np.flatnonzero(~np.isfinite(taken.end + taken.end_rate))[:1].sum())
+                raise SimulationError(f"the coverage of node {node} is not finite after a step of {length:.3g} s", node)
             growth = growth_of(taken.error / TOLERANCE)
-            if taken.error > TOLERANCE or not within(taken.end, low, high):
-                if length > self.shortest:
-                    step = max(length * min(0.5, max(0.2, growth)), self.shortest)
-                    continue
-                psi, entered, length = self._plain(psi, min(left, self.shortest))
-                rate, flux = self.rates(psi)
-                step = self.shortest
-            else:
+            if taken.error <= TOLERANCE and within(taken.end, stretch.low, stretch.high):
                 # A step that the end of the stretch cut off says nothing against longer ones.
-                step = max(length * min(3.0, growth), step if length < step else 0.0)
-                psi, entered, rate, flux = taken.end, taken.entered, taken.end_rate, taken.end_flux
-            supply += entered
-            left = 0.0 if length >= left else left - length
-        return psi, supply, step
+                stretch.step = max(length * min(3.0, growth), step if length < step else 0.0)
+                new, entered, stretch.rate, stretch.flux = taken.end, taken.entered, taken.end_rate, taken.end_flux
+                break
+            if length <= self.shortest:
+                new, entered, length = self._plain(psi, min(left, self.shortest))
+                stretch.rate, stretch.flux = self.rates(new)
+                stretch.step = self.shortest
+                break
+            stretch.step = max(length * min(0.5, max(0.2, growth)), self.shortest)
+        stretch.psi, stretch.left = new, 0.0 if length >= left else left - length
+        return entered
 
     def take(self, psi: np.ndarray, rate: np.ndarray, flux: np.ndarray, length: float, left: float) -> LongStep:
         """One step from a coverage and what :meth:`rates` says of it, ``left`` seconds before the end of the stretch.

@@ -135,7 +135,8 @@ class DiffusionStep:
         """Largest second-order over largest first-order term of the step, in the mean coverage of two nodes."""
         slope = np.abs(self.slope[i] + self.slope[j]).max(initial=0.0)
         bend = 0.5 * np.abs(self.bend[i] + self.bend[j]).max(initial=0.0)
-        return float(bend / slope) if slope > 0.0 else 0.0
+        # Of round-off, one is as large as the other however short the step.
+        return float(bend / slope) if bend > STEADY and slope > 0.0 else 0.0
 
     @property
     def settled(self) -> bool:

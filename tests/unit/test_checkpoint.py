@@ -32,6 +32,7 @@ from pdhe.simulation import solve_case
 from pdhe.solvers import Equilibrium
 from pdhe.state import State
 from pdhe.supersteps import SuperStepper
+from pdhe.transport import Diffusion, DiffusionStep
 
 COARSE = {"mesh.spacing": "10 mm"}
 #: A ramp that goes on while bonds break, round after round: preconditioners are built anew on the way.
@@ -59,17 +60,37 @@ GRADED = {
     "mesh.refine": [{"from": ["50 mm", "50 mm"], "to": ["54 mm", "50 mm"], "spacing": "0.8 mm", "within": "2 mm"}],
     "outputs.count": 5,
 }
-FIXED = {**COARSE, "stepping": {"mode": "fixed", "load_steps": 20, "diffusion_substeps": 100}, "outputs.count": 4}
+FIXED = {**COARSE, "stepping": {"mode": "fixed", "load_steps": 10, "diffusion_substeps": 20}, "outputs.count": 4}
+#: Loads and a coverage that grow while bonds break: steps of diffusion under way with displacements that move.
+RAMPS = {
+    **COARSE,
+    "loads": [
+        {"on": "top", "displacement": {"y": {"0 s": "0 mm", "8e6 s": "0.03 mm"}}},
+        {"on": "bottom", "displacement": {"y": "0 mm"}},
+    ],
+    "hydrogen.boundary": [{"on": "notch", "coverage": {"0 s": 0.0, "6e6 s": 1.0}}],
+}
+#: A load that is on from the start, and breaks bonds before any time has passed.
+AT_ONCE = {
+    **COARSE,
+    "loads": [{"on": "top", "displacement": {"y": "0.2 mm"}}, {"on": "bottom", "displacement": {"y": "0 mm"}}],
+    "stepping.grouping": 0.0,
+    "time.end": "1e6 s",
+    "outputs.count": 1,
+}
+#: Changes of a scene, and safe points between two ends.
 SCENES = {
-    "events": ("smoke", COARSE, 3),
-    "many outputs between corners": ("smoke", {**COARSE, "outputs.count": 40, "solver.precision": "single"}, 8),
-    "rounds of failures": ("smoke", TORN, 31),
-    "fixed": ("smoke", FIXED, 3),
-    "half": ("mode_i_half", {"mesh.spacing": "10 mm", "outputs.every": None, "outputs.count": 12}, 3),
-    "relaxation": ("smoke", {**COARSE, "solver.method": "dynamic relaxation", "time.end": "6e6 s"}, 5),
-    "long diffusion steps": ("diffusion", SLAB, 1),
-    "triangles": ("smoke", {**COARSE, "mesh.cells": "triangle"}, 5),
-    "graded": ("mode_i_graded", GRADED, 25),
+    "events": ("smoke", COARSE, 37),
+    "many outputs between corners": ("smoke", {**COARSE, "outputs.count": 40, "solver.precision": "single"}, 31),
+    "rounds of failures": ("smoke", TORN, 61),
+    "rounds at time zero": ("smoke", AT_ONCE, 41),
+    "ramps": ("smoke", RAMPS, 17),
+    "fixed": ("smoke", FIXED, 29),
+    "half": ("mode_i_half", {"mesh.spacing": "10 mm", "outputs.every": None, "outputs.count": 12}, 29),
+    "relaxation": ("smoke", {**COARSE, "solver.method": "dynamic relaxation", "time.end": "6e6 s"}, 19),
+    "long diffusion steps": ("diffusion", SLAB, 9),
+    "triangles": ("smoke", {**COARSE, "mesh.cells": "triangle"}, 37),
+    "graded": ("mode_i_graded", GRADED, 131),
 }
 
 
@@ -97,18 +118,23 @@ class Stop(Exception):
 
 
 def end_after(monkeypatch, count):
-    """Let runs end, as if killed, at every ``count``-th safe point; the list tells where, and what was counted."""
-    seen = []
+    """Let runs end, as if killed, at every ``count``-th safe point; the lists hold the runs, and where they ended."""
+    seen, ended = [], set()
     offer = Keeper.offer
 
     def counted(self, run):
         offer(self, run)
         seen.append(run)
         if len(seen) % count == 0:
+            state = run.state
+            under_way = {"failing": run.failing_from is not None, "sub-step": run.substep, "far": state.far is not None}
+            under_way["diffusing"] = state.began is not None and state.far is None
+            under_way["moving"] = under_way["diffusing"] and run.motion is not None and run.motion.moving
+            ended.update(name for name, held in under_way.items() if held)
             raise Stop
 
     monkeypatch.setattr(Keeper, "offer", counted)
-    return seen
+    return seen, ended
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -118,7 +144,7 @@ def test_a_run_ended_at_safe_points_gives_the_same_bits(name, tmp_path, monkeypa
     monkeypatch.setenv(CADENCE, "off")
     solve_case(scene, nodes, tmp_path / "whole.nc")
     monkeypatch.setenv(CADENCE, "0")
-    seen = end_after(monkeypatch, stride)
+    seen, ended = end_after(monkeypatch, stride)
     ends = 0
     while not (tmp_path / "parts.nc").exists():
         with contextlib.suppress(Stop):
@@ -130,9 +156,12 @@ def test_a_run_ended_at_safe_points_gives_the_same_bits(name, tmp_path, monkeypa
     assert_same(tmp_path / "whole.nc", tmp_path / "parts.nc")
     assert {path.name for path in tmp_path.iterdir()} == {"whole.nc", "parts.nc"}
     last = seen[-1]
+    # Ends fell where it is hard to go on from.
+    hard = {"rounds of failures": "failing", "rounds at time zero": "failing", "ramps": "moving", "fixed": "sub-step"}
+    hard |= {"long diffusion steps": "far", "events": "diffusing"}
+    assert hard.get(name, "diffusing") in ended, ended
     if name == "rounds of failures":
         assert last.case.equilibrium.work.preconditioner_builds > 2
-        assert any(run.failing_from is not None for run in seen)
     if name == "long diffusion steps":
         assert last.state.stepper.implicit is not None
     if name in ("triangles", "graded"):
@@ -406,21 +435,71 @@ def test_the_likely_reason_looks_at_the_node(broken, reason):
     assert reason in (told := simulation._likely_reason(case, 100)) and bool(told) == bool(reason)
 
 
-def test_values_that_are_not_finite_are_not_recorded(tmp_path, monkeypatch):
-    scene, nodes = problem("smoke", COARSE)
-    advance = simulation.moves.advance
+@pytest.mark.parametrize(
+    ("name", "changes", "when", "told"),
+    [
+        ("smoke", COARSE, "at an output", r"the coverage of node 17, x = .* is not finite"),
+        ("smoke", COARSE, "at a failure", r"the load of the bond of nodes 17 and \d+ is not finite"),
+        ("smoke", COARSE, "in between", r"the coverage of node \d+ is not finite after a step of \S+ s"),
+        ("smoke", FIXED, "in between", r"the coverage of node \d+, x = .* is not finite"),
+        ("diffusion", SLAB, "in between", r"the coverage of node \d+ is not finite after a step of \S+ s"),
+    ],
+)
+def test_values_that_are_not_finite_are_not_recorded(name, changes, when, told, tmp_path, monkeypatch):
+    scene, nodes = problem(name, {**changes, "damage": None} if changes is FIXED else changes)
+    advance, step = simulation.moves.advance, Diffusion.step
 
     def spoilt(case, state, *rest):
         failed = advance(case, state, *rest)
-        if state.time > 5e6:
+        if state.time > 5e6 and failed == (when == "at a failure"):
             state.coverage[17] = np.nan
         return failed
 
-    monkeypatch.setattr(simulation.moves, "advance", spoilt)
-    with pytest.raises(SimulationError, match=r"the coverage of node 17, x = .* is not finite"):
+    def spoilt_step(self, psi, dt, held, source, new, supply):
+        step(self, psi, dt, held, source, new, supply)
+        new[new > 0.2] = np.nan
+
+    if when == "in between":
+        monkeypatch.setattr(Diffusion, "step", spoilt_step)
+    else:
+        monkeypatch.setattr(simulation.moves, "advance", spoilt)
+    with pytest.raises(SimulationError, match=rf"at t = \S+ s, step \d+, .*{told}"):
         solve_case(scene, nodes, tmp_path / "run.nc")
     with open_result(tmp_path / "run.nc.incomplete") as result:
-        assert np.isfinite(result["coverage"].values).all() and result.sizes["step"] > 3
+        assert np.isfinite(result["coverage"].values).all() and result.sizes["step"] > (
+            0 if when == "in between" else 3
+        )
+
+
+def test_a_first_equilibrium_that_is_not_found_is_told(tmp_path, monkeypatch):
+    scene, nodes = problem("smoke", {**AT_ONCE, "solver.max_iterations": 1})
+    with pytest.raises(SimulationError, match=r"at t = 0 s, before the first equilibrium: .* iterations are few"):
+        solve_case(scene, nodes, tmp_path / "run.nc")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_step_below_the_floor_is_told(tmp_path, monkeypatch):
+    """Coverage that jumps however short the step; then a bond that is found critical for ever and never breaks."""
+    scene, nodes = problem("smoke", COARSE)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(DiffusionStep, "curvature_at", lambda *_: 1.0)
+        with pytest.raises(SimulationError, match=r"diffusion step has shrunk to \S+ s, below the floor of 1e-09"):
+            solve_case(scene, nodes, tmp_path / "run.nc")
+    monkeypatch.setattr(simulation.moves, "fail_until_stable", lambda *_: None)
+    with pytest.raises(SimulationError, match="next failure has shrunk to nothing"):
+        solve_case(scene, nodes, tmp_path / "run.nc")
+    with open_result(tmp_path / "run.nc.incomplete") as result:
+        assert result.sizes["step"] > 3 and "shrunk to nothing" in result.attrs["status"]
+
+
+def test_round_off_does_not_shrink_a_step():
+    scene, nodes = problem("smoke", COARSE)
+    case, n = build_case(scene, nodes), nodes.volume.size
+    psi = 0.3 + 1e-16 * np.random.default_rng(1).standard_normal(n)
+    pair = np.arange(n - 1), np.arange(1, n)
+    for share in (1.0, 1e-3, 1e-6):
+        dt = share * case.diffusion.stable_step(np.zeros(n, bool))
+        assert DiffusionStep(case.diffusion, psi, dt, np.zeros(n, bool), np.zeros(n)).curvature_at(*pair) == 0.0
 
 
 def test_a_state_that_must_not_be_recorded_loses_nothing_before_it(tmp_path, monkeypatch):
@@ -452,5 +531,5 @@ def test_nothing_that_has_a_history_is_forgotten(tmp_path):
     given |= {"_prolongate", "_restrict", "_modes"}
     # Of the iterations, only differences count.
     assert vars(stepper).keys() - given - {"_mass", "_flow", "_modes", "iterations"} == {"factored"}
-    simple = {"float", "int", "np.ndarray", "np.ndarray | None"}
+    simple = {"float", "float | None", "int", "np.ndarray", "np.ndarray | None"}
     assert [field.name for field in fields(State) if field.type not in simple] == ["stepper"]
