@@ -274,12 +274,18 @@ def break_bonds(case: Case, state: State, candidates: Candidates, chosen, fracti
     counted = np.broadcast_to(body.bonds.counted(bond), bond.shape)
     state.fracture_energy += float(np.sum(counted * candidates.energy(fraction)[chosen]))
     body.break_bonds(bond)
+    note_broken(case, state, bond, i, j, recorder)
+
+
+def note_broken(case: Case, state: State, bond: np.ndarray, i: np.ndarray, j: np.ndarray, recorder: Recorder) -> None:
+    """Book bonds that broke just now, directed ones with their ends, and how far the crack has come."""
+    counted = np.broadcast_to(case.bonds.counted(bond), bond.shape)
     state.broken_bonds += round(float(counted.sum()))
-    recorder.broke(i, body.bonds.numbered(bond), state.time)
+    recorder.broke(i, case.bonds.numbered(bond), state.time)
     d = case.discretization
-    short = body.bonds.length[bond] <= 1.5 * 0.5 * (d.spacing[i] + d.spacing[j])
+    short = case.bonds.length[bond] <= 1.5 * 0.5 * (d.spacing[i] + d.spacing[j])
     if short.any() and case.scene.geometry.cracks:
-        middle = body.bonds.middles(d.coordinates, i[short], bond[short])
+        middle = case.bonds.middles(d.coordinates, i[short], bond[short])
         away = np.min([distance_to_segment(middle, c.start, c.end) for c in case.scene.geometry.cracks], axis=0)
         if away.max() > state.crack_extension:
             state.crack_extension = float(away.max())

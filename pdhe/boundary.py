@@ -102,6 +102,23 @@ class DisplacementConditions:
             result[nodes, component] += factor * amount[index]
         return result
 
+    def sparse(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return what :meth:`values` does for the fixed degrees of freedom alone, in the order of ``nonzero(fixed)``.
+
+        Returns
+        -------
+        node, component, load, factor
+            (m,), (m,), (m, 2) and (m, 2): a value is the sum of both factors times the amounts of both loads.
+        """
+        node, component = np.nonzero(self.fixed)
+        load, factor = np.zeros((*self.shape, 2), np.int64), np.zeros((*self.shape, 2))
+        taken = np.zeros(self.shape, np.int64)
+        for index, axis, nodes, share in self._patterns:
+            slot = taken[nodes, axis]
+            load[nodes, axis, slot], factor[nodes, axis, slot] = index, share
+            taken[nodes, axis] += 1
+        return node, component, load[node, component], factor[node, component]
+
     def changes(self, t0: float, t1: float) -> bool:
         """Tell whether any prescribed displacement differs between two times."""
         return any(load.value(t0) != load.value(t1) for load in self.prescribed)

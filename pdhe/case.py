@@ -10,12 +10,13 @@ from pdhe.bonds import Bonds, Families, Grading, build_bonds
 from pdhe.boundary import DisplacementConditions, Prescribed
 from pdhe.damage import FailureRule, critical_stretch, crossing_sum, stretch_factors
 from pdhe.discretization import Discretization
+from pdhe.dynamics import Traction, Verlet
 from pdhe.embrittlement import LAWS, resistance
 from pdhe.errors import SceneError
 from pdhe.materials import MODELS, Body, make_body
 from pdhe.mirrors import Symmetry
 from pdhe.relaxation import DynamicRelaxation
-from pdhe.scene import Scene
+from pdhe.scene import Region, Scene
 from pdhe.scene_mirrors import edge_segments
 from pdhe.sizing import SizeField
 from pdhe.solvers import Equilibrium
@@ -43,6 +44,8 @@ class Case:
         When bonds break; None without ``damage``.
     diffusion
         Hydrogen exchange rates; None without ``hydrogen``.
+    dynamics
+        Motion with inertia, in place of ``equilibrium``; None unless ``stepping`` asks for it.
     """
 
     scene: Scene
@@ -52,6 +55,7 @@ class Case:
     conditions: DisplacementConditions | None
     rule: FailureRule | None
     diffusion: Diffusion | None
+    dynamics: Verlet | None = None
 
     @property
     def copies(self) -> int:
@@ -61,7 +65,8 @@ class Case:
     @property
     def body(self) -> Body | None:
         """Bonds with their present breakage."""
-        return None if self.equilibrium is None else self.equilibrium.body
+        mechanics = self.equilibrium or self.dynamics
+        return None if mechanics is None else mechanics.body
 
 
 def partial_volume_rule(scene: Scene, discretization: Discretization) -> str:
@@ -79,7 +84,7 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
         If a node set that the scene names has no nodes, no bond is left to carry anything, no bond may break although
         there is a block ``damage``, or the stiffness is indefinite.
     """
-    d = discretization
+    d = _with_regions(scene, discretization)
     _require_node_sets(scene, d)
     partial = partial_volume_rule(scene, d)
     material = scene.material
@@ -103,14 +108,13 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
     )  # fmt: skip
     if bonds.length.size == 0:
         raise SceneError("scene", "horizon", scene.horizon_length, "no two nodes lie within the horizon", "raise it")
-    equilibrium = conditions = rule = diffusion = None
+    equilibrium = conditions = rule = diffusion = dynamics = None
     if scene.loads is not None:
         conditions = DisplacementConditions(
             [
-                Prescribed(load.on, component, value, tuple(value.corners), load.at)
+                Prescribed(load.on, component, value, corners, load.at)
                 for load in scene.loads
-                for component, value in ((0, load.x), (1, load.y))
-                if value is not None
+                for component, (value, corners) in load.motion.items()
             ],
             d.node_sets,
             d.coordinates,
@@ -121,14 +125,17 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
         body = make_body(bonds, model, d.coordinates, d.volume, PRECISIONS[scene.solver.precision])
         if body.can_be_indefinite:
             _require_positive_stiffness(scene, body, ~conditions.fixed)
-        equilibrium = SOLVERS[scene.solver.method](
-            body, conditions.fixed, d.coordinates, d.spacing, scene.solver.tolerance, scene.solver.max_iterations
-        )
+        if scene.stepping.mode == "dynamic":
+            dynamics = _dynamics(scene, d, body, conditions)
+        else:
+            equilibrium = SOLVERS[scene.solver.method](
+                body, conditions.fixed, d.coordinates, d.spacing, scene.solver.tolerance, scene.solver.max_iterations
+            )
         if scene.damage is not None:
             rule = _failure_rule(scene, d, bonds, model)
     if scene.hydrogen is not None:
         diffusion = _diffusion(scene, d, bonds.within(), partial)
-    return Case(scene, d, bonds, equilibrium, conditions, rule, diffusion)
+    return Case(scene, d, bonds, equilibrium, conditions, rule, diffusion, dynamics)
 
 
 def _reaction_factors(scene: Scene, symmetry: Symmetry | None) -> dict[tuple[str, int], float]:
@@ -141,11 +148,18 @@ def _reaction_factors(scene: Scene, symmetry: Symmetry | None) -> dict[tuple[str
         return factors
     lines = edge_segments(scene.geometry.width, scene.geometry.height)
     lines |= {crack.name: (crack.start, crack.end) for crack in scene.geometry.cracks}
+    lines |= {region.name: _diagonal(scene, region) for region in scene.regions or ()}
     for name in {load.on for load in scene.loads or ()}:
         met = symmetry.axes if name == "all" else symmetry.touched(lines[name]) if name in lines else ()
         for component in (0, 1):
             factors[name, component] = float(np.prod([0.0 if axis == component else 2.0 for axis in met]))
     return factors
+
+
+def _diagonal(scene: Scene, region: Region) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Two opposite corners of what a region has of the plate, m."""
+    x0, y0, x1, y1 = region.box
+    return (max(x0, 0.0), max(y0, 0.0)), (min(x1, scene.geometry.width), min(y1, scene.geometry.height))
 
 
 def _require_positive_stiffness(scene: Scene, body: Body, free: np.ndarray) -> None:
@@ -158,6 +172,52 @@ def _require_positive_stiffness(scene: Scene, body: Body, free: np.ndarray) -> N
             f"{SAFE_POISSON[scene.mechanics.plane]:g} is safe at a horizon of 3 spacings and more in plane "
             f"{scene.mechanics.plane}; other `mechanics.weights` may help above it",
         )  # fmt: skip
+
+
+def _with_regions(scene: Scene, d: Discretization) -> Discretization:
+    """Name the nodes inside the regions of a scene."""
+    if not scene.regions:
+        return d
+    slack = 1e-9 * max(scene.geometry.width, scene.geometry.height)
+    sets = dict(d.node_sets)
+    for region in scene.regions:
+        low, high = np.array(region.box).reshape(2, 2)
+        inside = (d.coordinates >= low - slack) & (d.coordinates <= high + slack)
+        sets[region.name] = np.flatnonzero(inside.all(axis=1)).astype(np.int32)
+    return replace(d, node_sets=sets)
+
+
+def _dynamics(scene: Scene, d: Discretization, body: Body, conditions: DisplacementConditions) -> Verlet:
+    loads, stepping = scene.loads or (), scene.stepping
+    initial, tractions = np.zeros(d.coordinates.shape), []
+    for load in loads:
+        for component, given in load.components.items():
+            if load.kind == "initial_velocity":
+                initial[d.node_sets[load.on], component] = given
+            elif load.kind == "traction":
+                nodes, area = edge_areas(d, load.on, (scene.geometry.width, scene.geometry.height))
+                tractions.append(Traction(load.on, component, given, given.corners, nodes, area))
+    motion = Verlet(body, scene.material.density * d.volume, conditions, tractions, initial, stepping.damping)
+    if stepping.step is not None and stepping.step > motion.limit:
+        raise SceneError(
+            "scene", "stepping.step", stepping.step, f"is beyond the stable step of {motion.limit:.4g} s",
+            "leave it out: `safety: 0.8` takes 0.8 of that",
+        )  # fmt: skip
+    return motion
+
+
+def edge_areas(d: Discretization, edge: str, size: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes whose cells have a side on an edge of the plate, (k,), and the area of that side, m^2 (k,).
+
+    ``size`` is that of the plate, m (2,).
+    """
+    axis, level = {"left": (0, 0.0), "right": (0, size[0]), "bottom": (1, 0.0), "top": (1, size[1])}[edge]
+    corners = d.vertices[d.cells]
+    along, on = corners[:, :, 1 - axis], np.abs(corners[:, :, axis] - level) <= 1e-6 * d.spacing[:, None]
+    both = on & np.roll(on, -1, axis=1)
+    length = np.sum(np.abs(along - np.roll(along, -1, axis=1)) * both, axis=1)
+    nodes = np.flatnonzero(length > 0.0)
+    return nodes, length[nodes] * d.thickness
 
 
 def _grading(scene: Scene, d: Discretization) -> Grading | None:

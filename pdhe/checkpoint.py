@@ -25,6 +25,7 @@ import numpy as np
 
 from pdhe.case import Case
 from pdhe.discretization import Discretization
+from pdhe.dynamics import Work as MotionWork
 from pdhe.errors import Interrupted, PdheError
 from pdhe.provenance import digest, fingerprint, versions
 from pdhe.results import Recorder
@@ -56,7 +57,8 @@ class Run:
     failing_from
         Extension of the crack, m, before the rounds of failures under way; None when there are none.
     step, substep
-        With fixed stepping, load steps done, and diffusion sub-steps done of the one under way.
+        With fixed stepping, load steps done, and diffusion sub-steps done of the one under way. With inertia, steps
+        done since the last stop.
     """
 
     case: Case
@@ -235,6 +237,9 @@ def _taken(run: Run) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     if run.case.equilibrium is not None:
         solver = run.case.equilibrium
         held["equilibrium"] = {**solver.memory(), "work": dataclasses.asdict(solver.work)}
+    if run.case.dynamics is not None:
+        held["motion_work"] = dataclasses.asdict(run.case.dynamics.work)
+    if run.case.body is not None:
         held["broken_sizes"], arrays["broken"] = _joined(run.case.body.broken)
     recorder = run.recorder
     arrays["times"] = np.array(recorder.times)
@@ -261,6 +266,12 @@ def _restored(case: Case, held: Mapping[str, Any], arrays: Mapping[str, np.ndarr
         solver.work = Work(**memory.pop("work"))
         # Piece by piece as they broke: sums that were built up over the run come out the same.
         solver.recall(memory, _parted(arrays["broken"], held["broken_sizes"]))
+    if case.dynamics is not None:
+        case.dynamics.work = MotionWork(**held["motion_work"])
+        for broken in _parted(arrays["broken"], held["broken_sizes"]):
+            case.body.break_bonds(broken)
+        case.dynamics.adopt(state.displacement, state.velocity, state.force)
+        state.displacement, state.velocity, state.force = case.dynamics.u, case.dynamics.v, case.dynamics.force
     motion = None
     if "motion" in held:
         if "motion.u1" in arrays:

@@ -198,6 +198,19 @@ def nearest_failure(body: Body, rule: FailureRule, u: np.ndarray, psi: np.ndarra
     return largest
 
 
+def critical_bonds(
+    body: Body, rule: FailureRule, u: np.ndarray, psi: np.ndarray | None, nodes: np.ndarray, parts: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The bonds among those of some nodes that are at or beyond their resistance: directed bonds and both ends, (k,).
+
+    ``parts`` is what :meth:`Body.node_parts` gives for ``u``.
+    """
+    bond, i, j = _bonds_of(body.bonds, nodes, rule.may_fail & body.intact)
+    load = load_of(body.bond_parts(u, bond, i, parts), body.measure(bond, i), rule.by_energy)
+    keep = load >= rule.resistance_at(None if psi is None else 0.5 * (psi[i] + psi[j]), bond)
+    return bond[keep], i[keep], j[keep]
+
+
 def _bonds_of(bonds: Bonds, nodes: np.ndarray, among: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Those directed bonds of some nodes that are ``among`` (b,) a kind, and the nodes at their two ends."""
     first, size = bonds.offsets[nodes], bonds.offsets[nodes + 1] - bonds.offsets[nodes]

@@ -37,11 +37,14 @@ FIELDS: dict[str, Field] = {
     "vertices": Field("m", "position of the mesh vertex", ("vertex", "component")),
     "cells": Field("1", "vertices of the node's cell, counter-clockwise", ("node", "corner")),
     "displacement": Field("m", "displacement", ("time", "node", "component")),
+    "velocity": Field("m/s", "velocity", ("time", "node", "component")),
     "damage": Field("1", "damage: volume-weighted share of broken bonds", _SNAPSHOT),
     "coverage": Field("1", "hydrogen coverage", _SNAPSHOT),
     "history_time": Field("s", "time of the history entry", _HISTORY),
     "elastic_energy": Field("J", "elastic energy", _HISTORY),
-    "external_work": Field("J", "work done by the prescribed displacements", _HISTORY),
+    "kinetic_energy": Field("J", "kinetic energy", _HISTORY),
+    "external_work": Field("J", "work done by prescribed displacements, and tractions", _HISTORY),
+    "damping_loss": Field("J", "energy taken by damping since the start", _HISTORY),
     "fracture_energy": Field("J", "energy held by bonds at the moment they broke", _HISTORY),
     "crack_length": Field("m", "equivalent crack length: broken bonds over bonds crossing a unit length", _HISTORY),
     "crack_extension": Field("m", "distance of the foremost broken short bond from the pre-cracks", _HISTORY),
@@ -54,6 +57,7 @@ FIELDS: dict[str, Field] = {
     "hydrogen_content": Field("m^3", "coverage integrated over the volume", _HISTORY),
     "hydrogen_influx": Field("m^3", "hydrogen that entered through edges and held nodes since the start", _HISTORY),
     "failure_rounds": Field("1", "rounds of bond failures so far", _HISTORY),
+    "time_steps": Field("1", "steps of the motion so far", _HISTORY),
     "equilibrium_solves": Field("1", "equilibrium solves so far", _HISTORY),
     "equilibrium_iterations": Field("1", "conjugate-gradient iterations so far", _HISTORY),
     "force_sweeps": Field("1", "force sweeps over all bonds so far", _HISTORY),
@@ -68,11 +72,14 @@ FIELDS: dict[str, Field] = {
 
 
 def field_of(name: str) -> Field:
-    """Return the declaration of a variable; reactions are named after their node set, ``reaction_top_y``."""
+    """Return the declaration of a variable; those of a node set are named after it, ``reaction_top_y``."""
     if name.startswith("reaction_"):
         where, component = name.removeprefix("reaction_").rsplit("_", 1)
         return Field("N", f"reaction on {where} along {component}", _HISTORY)
     if name.startswith("applied_"):
         where, component = name.removeprefix("applied_").rsplit("_", 1)
         return Field("m", f"prescribed displacement of {where} along {component}", _HISTORY)
+    if name.startswith("traction_"):
+        where, component = name.removeprefix("traction_").rsplit("_", 1)
+        return Field("Pa", f"traction on {where} along {component}", _HISTORY)
     return FIELDS[name]

@@ -26,6 +26,8 @@ LEAST_GRADED = 1200
 #: Time of an iteration of the equilibrium, and of the search for failures after it, in force sweeps; of a diffusion
 #: sweep inside a run, in bare ones (measured 2.8, 4 and 1.4 at 20,000 nodes).
 ITERATION, SEARCH, STEP = 2.8, 4.0, 1.4
+#: Time of a step with inertia in force sweeps, the search for failures included (measured PLACEHOLDER).
+MOTION = 1.5
 #: Seconds to start, build a preconditioner and write results, beside the sweeps.
 OVERHEAD = 1.5
 
@@ -77,12 +79,13 @@ def pilot_scene(scene: Scene, nodes: int) -> Scene | None:
     """The scene on a mesh of about :data:`PILOT_NODES` nodes; None where that is no coarser or cannot be meshed.
 
     A graded mesh keeps its shape: all spacings become larger by the same factor. Where bonds may break, all outputs but
-    the last are left out: on few nodes they, and not the failures, would decide on the length of diffusion steps.
+    the last are left out: on few nodes they, and not the failures, would decide on the length of diffusion steps. None
+    for motions with inertia, whose steps are known beforehand.
     """
     coarsening = math.sqrt(nodes / PILOT_NODES)
     if scene.mesh.refine:
         coarsening = max(LEAST_COARSENING, coarsening) if nodes >= LEAST_GRADED else 0.0
-    if coarsening < LEAST_COARSENING:
+    if coarsening < LEAST_COARSENING or scene.stepping.mode == "dynamic":
         return None
     content = scene.resolved()
     mesh = content["mesh"]
@@ -114,10 +117,13 @@ def make_forecast(case: Case, pilot: Pilot | None) -> Forecast:
     has 2.7), counts of failures less so.
     """
     bonds = case.bonds.neighbours.size
-    share = BOTH if case.diffusion and case.equilibrium else MECHANICS if case.equilibrium else DIFFUSION
-    numbers = 2 * bool(case.equilibrium) + bool(case.rule) + bool(case.diffusion)
+    share = BOTH if case.diffusion and case.body else MECHANICS if case.body else DIFFUSION
+    numbers = 2 * bool(case.body) + 2 * bool(case.dynamics) + bool(case.rule) + bool(case.diffusion)
     fields = 8.0 * numbers * case.discretization.volume.size * len(case.scene.outputs.times)
     memory = PROCESS + share * bonds + COPIES * fields
+    if case.dynamics is not None:
+        sweeps, (force, _) = motion_steps(case), _sweep_seconds(case)
+        return Forecast(memory, float(sweeps), seconds=OVERHEAD + MOTION * force * sweeps)
     if pilot is None:
         return Forecast(memory)
     coarsening = pilot.coarsening
@@ -138,6 +144,12 @@ def make_forecast(case: Case, pilot: Pilot | None) -> Forecast:
         failure_rounds=rounds if case.rule else None,
         seconds=seconds,
     )
+
+
+def motion_steps(case: Case) -> int:
+    """Steps with inertia that a case takes, if it were not for outputs and corners of loads: they add some."""
+    stepping = case.scene.stepping
+    return case.dynamics.steps(case.scene.time.end, stepping.step or stepping.safety * case.dynamics.limit)
 
 
 def _faster(case: Case, pilot: Pilot, coarsening: float) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 
 from pdhe.case import Case
 from pdhe.errors import SceneError
-from pdhe.forecast import Forecast, Pilot, make_forecast
+from pdhe.forecast import Forecast, Pilot, make_forecast, motion_steps
 from pdhe.scene_mirrors import whole_length
 from pdhe.supersteps import implicit_from
 from pdhe.transport import STEP_SAFETY, DiffusionStep
@@ -56,6 +56,10 @@ def _cost(expected: Forecast, pilot: Pilot | None) -> list[str]:
             if count is not None
         ]  # fmt: skip
         lines.append(f"expected work: {', '.join(parts)}, scaled up from a pilot on {pilot.nodes} nodes")
+    if expected.force_sweeps is not None and pilot is None:
+        lines.append(
+            f"expected work: {expected.force_sweeps:.0f} force sweeps, one more for each step that breaks bonds"
+        )
     return lines
 
 
@@ -127,12 +131,16 @@ def bond_bytes(case: Case) -> int:
 
 
 def _mechanics(case: Case) -> str:
-    if case.equilibrium is None:
+    if case.body is None:
         return "mechanics: off (the scene has no loads)"
     cut = int(case.bonds.cut.sum()) // 2
+    if case.dynamics is not None:
+        how = f"with inertia, density {case.scene.material.density:g} kg/m^3"
+    else:
+        how = f"equilibrium by {case.scene.solver.method} to {case.equilibrium.tolerance:g}"
     return (
         f"mechanics: on, {case.scene.mechanics.model}, weights {case.scene.mechanics.weights}, "
-        f"{cut} bonds cut by pre-cracks, equilibrium by {case.scene.solver.method} to {case.equilibrium.tolerance:g}"
+        f"{cut} bonds cut by pre-cracks, {how}"
         + (", weights in single precision" if case.body.cubed.dtype == np.float32 else "")
     )
 
@@ -177,6 +185,13 @@ def _stepping(case: Case) -> str:
     stepping = case.scene.stepping
     if stepping.mode == "fixed":
         return f"fixed, {stepping.load_steps} load steps with {stepping.diffusion_substeps} diffusion sub-steps"
+    if stepping.mode == "dynamic":
+        limit, damping = case.dynamics.limit, f", damping {stepping.damping:g} s^-1" if stepping.damping else ""
+        wanted = stepping.step or stepping.safety * limit
+        return (
+            f"velocity Verlet, steps of at most {wanted:.4g} s (proved stable up to {limit:.4g} s), "
+            f"{motion_steps(case)} steps{damping}"
+        )
     if case.rule is None:
         return "to the next output or load corner; nothing can break"
     return f"to the next failure, output or load corner; failures within {stepping.grouping:g} of the worst together"

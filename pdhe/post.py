@@ -22,9 +22,18 @@ PRE_CRACKED = -1.0
 _OPEN = 0.03
 #: Share of the widest opening so far below which a crack counts as closed.
 _CLOSED = 0.1
-_UNITS_OF_TIME = (("s", 1.0), ("min", 60.0), ("h", 3600.0), ("days", 86400.0), ("years", 365.25 * 86400.0))
+_UNITS_OF_TIME = (
+    ("ns", 1e-9),
+    ("µs", 1e-6),
+    ("ms", 1e-3),
+    ("s", 1.0),
+    ("min", 60.0),
+    ("h", 3600.0),
+    ("days", 86400.0),
+    ("years", 365.25 * 86400.0),
+)
 #: A unit of time is used from this many of it on.
-_FROM = {"s": 0.0, "min": 3.0, "h": 3.0, "days": 3.0, "years": 3.0}
+_FROM = {"ns": 0.0, "µs": 3.0, "ms": 3.0, "s": 1.0, "min": 3.0, "h": 3.0, "days": 3.0, "years": 3.0}
 _DIGITS = 10
 
 
@@ -211,6 +220,8 @@ def telling_snapshots(result: xr.Dataset, count: int = 4) -> list[int]:
 
 def unit_of_time(span: float) -> tuple[str, float]:
     """Return the unit in which a span of time is read most easily, and its length in s."""
+    if span <= 0.0:
+        return "s", 1.0
     return next((name, size) for name, size in reversed(_UNITS_OF_TIME) if span >= _FROM[name] * size)
 
 
@@ -226,6 +237,9 @@ def energy_balance(result: xr.Dataset) -> dict[str, np.ndarray]:
 
     ``dissipated`` is what the prescribed displacements put in since the start and the body no longer holds. Broken
     bonds took ``fracture`` of it with them; ``relaxation`` is the rest, lost as the body fell into new equilibria.
+
+    With inertia the body also holds ``kinetic`` energy, ``damping`` took its part of what is dissipated, and there is
+    nothing to fall into: in place of ``relaxation``, the rest is ``error``.
     """
     needed = ("external_work", "elastic_energy")
     if any(name not in result for name in needed):
@@ -233,6 +247,18 @@ def energy_balance(result: xr.Dataset) -> dict[str, np.ndarray]:
     work, elastic = (result[name].values - result[name].values[0] for name in needed)
     dissipated = work - elastic
     fracture = result["fracture_energy"].values if "fracture_energy" in result else np.zeros_like(work)
+    if "kinetic_energy" in result:
+        kinetic, damping = result["kinetic_energy"].values, result["damping_loss"].values
+        dissipated -= kinetic - kinetic[0]
+        return {
+            "work": work,
+            "elastic": result["elastic_energy"].values,
+            "kinetic": kinetic,
+            "fracture": fracture,
+            "damping": damping,
+            "dissipated": dissipated,
+            "error": dissipated - fracture - damping,
+        }
     return {
         "work": work,
         "elastic": result["elastic_energy"].values,

@@ -30,6 +30,7 @@ from pdhe.scene_blocks import (
     Outputs,
     Plate,
     Refinement,
+    Region,
     Saturation,
     Solver,
     Stepping,
@@ -58,6 +59,7 @@ __all__ = [
     "PiecewiseLinear",
     "Plate",
     "Refinement",
+    "Region",
     "Saturation",
     "Scene",
     "Solver",
@@ -75,6 +77,7 @@ class Scene(Block):
     fidelity: Annotated[str, choice(*FIDELITIES)] | None = None
     accuracy: fields.Accuracy | None = None
     geometry: Geometry
+    regions: Annotated[tuple[Region, ...], BeforeValidator(fields.as_list)] | None = None
     mesh: Mesh
     horizon: Horizon = Horizon(ratio=3.015)
     material: Material
@@ -108,9 +111,10 @@ class Scene(Block):
 
     @property
     def node_sets(self) -> tuple[str, ...]:
-        """Names of all node sets: the four edges, ``all``, then holes and cracks."""
+        """Names of all node sets: the four edges, ``all``, then holes, cracks and regions."""
         holes = (hole.name for hole in self.geometry.holes)
-        return (*RESERVED, *holes, *(crack.name for crack in self.geometry.cracks))
+        regions = (region.name for region in self.regions or ())
+        return (*RESERVED, *holes, *(crack.name for crack in self.geometry.cracks), *regions)
 
     def resolved(self) -> dict[str, Any]:
         """Return the scene as nested dicts and lists of SI numbers and strings; absent blocks are left out."""

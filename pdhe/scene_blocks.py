@@ -1,6 +1,7 @@
 """The blocks of a scene, each valid by itself; :mod:`pdhe.scene_checks` looks at them together."""
 
 import difflib
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar
 
@@ -8,7 +9,13 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, mo
 
 from pdhe import scene_fields as fields
 from pdhe.scene_fields import Block, choice, problem
-from pdhe.scene_history import CoverageHistory, DisplacementHistory, PiecewiseLinear
+from pdhe.scene_history import (
+    CoverageHistory,
+    DisplacementHistory,
+    PiecewiseLinear,
+    TractionHistory,
+    VelocityHistory,
+)
 from pdhe.units import round15
 
 MAX_OUTPUTS = 10_000
@@ -90,6 +97,20 @@ class Geometry(Block):
     def thickness(self) -> float:
         """Plate thickness (m)."""
         return self.plate.thickness
+
+
+class Region(Block):
+    """A box with sides along the axes between two corners, and the name of the node set inside it."""
+
+    name: fields.Name
+    start: fields.Point = Field(alias="from")
+    end: fields.Point = Field(alias="to")
+
+    @property
+    def box(self) -> tuple[float, float, float, float]:
+        """Least x, least y, largest x, largest y (m)."""
+        (x0, y0), (x1, y1) = self.start, self.end
+        return min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1)
 
 
 class Refinement(Block):
@@ -214,22 +235,81 @@ class Displacement(Block):
     y: DisplacementHistory | None = None
 
 
+class Velocity(Block):
+    """Prescribed velocity components (m/s) in time."""
+
+    x: VelocityHistory | None = None
+    y: VelocityHistory | None = None
+
+
+class Traction(Block):
+    """Components of a force per area (Pa) in time."""
+
+    x: TractionHistory | None = None
+    y: TractionHistory | None = None
+
+
+class InitialVelocity(Block):
+    """Velocity components (m/s) at time zero."""
+
+    x: fields.Velocity | None = None
+    y: fields.Velocity | None = None
+
+
 class Load(Block):
-    """Displacement prescribed on a node set: at the geometric edge, or at the nodes themselves."""
+    """What moves or pulls a node set: one of displacement, velocity, traction and initial velocity.
+
+    Prescribed motion belongs to the geometric edge or to the nodes themselves; only displacements can be prescribed
+    without dynamics.
+    """
+
+    kinds: ClassVar[tuple[str, ...]] = ("displacement", "velocity", "traction", "initial_velocity")
 
     on: fields.NodeSet
-    displacement: Displacement
+    displacement: Displacement | None = None
+    velocity: Velocity | None = None
+    traction: Traction | None = None
+    initial_velocity: InitialVelocity | None = None
     at: Annotated[str, choice("edge", "nodes")] = "edge"
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> "Load":
+        given = [kind for kind in self.kinds if getattr(self, kind) is not None]
+        if len(given) != 1:
+            text = f"gives {' and '.join(f'`{kind}`' for kind in given)}" if given else "is missing"
+            hint = "give one of `displacement`, `velocity`, `traction`, `initial_velocity`; another entry for another"
+            raise problem(text, hint, given[-1] if given else "displacement")
+        return self
 
     @property
     def x(self) -> PiecewiseLinear | None:
         """Prescribed displacement along x (m), None if free."""
-        return self.displacement.x
+        return None if self.displacement is None else self.displacement.x
 
     @property
     def y(self) -> PiecewiseLinear | None:
         """Prescribed displacement along y (m), None if free."""
-        return self.displacement.y
+        return None if self.displacement is None else self.displacement.y
+
+    @property
+    def kind(self) -> str:
+        """Which of the four it is."""
+        return next(kind for kind in self.kinds if getattr(self, kind) is not None)
+
+    @property
+    def components(self) -> dict[int, Any]:
+        """What is given along x (0) and y (1)."""
+        given = getattr(self, self.kind)
+        return {axis: value for axis, value in enumerate((given.x, given.y)) if value is not None}
+
+    @property
+    def motion(self) -> dict[int, tuple[Callable[[float], float], tuple[float, ...]]]:
+        """Prescribed displacement (m) as a function of time (s), and its corners, along x (0) and y (1)."""
+        if self.kind == "displacement":
+            return {axis: (history, history.corners) for axis, history in self.components.items()}
+        if self.kind == "velocity":
+            return {axis: (history.integral, history.corners) for axis, history in self.components.items()}
+        return {}
 
 
 class Damage(Block):
@@ -278,12 +358,32 @@ class Time(Block):
 
 
 class Stepping(Block):
-    """How time advances: from one bond failure to the next, or in fixed steps."""
+    """How time advances: from one bond failure to the next, in fixed steps, or with inertia.
 
-    mode: Annotated[str, choice("events", "fixed")] = "events"
+    With inertia (`dynamic`): the length of a step (s), or the share `safety` of the stable one; `damping` (1/s) times
+    mass and velocity is a force against the motion.
+    """
+
+    mode: Annotated[str, choice("events", "fixed", "dynamic")] = "events"
     grouping: fields.Grouping | None = Field(default=None, validate_default=True)
     load_steps: fields.Count | None = Field(default=None, validate_default=True)
     diffusion_substeps: fields.Count | None = Field(default=None, validate_default=True)
+    step: fields.PositiveTime | None = Field(default=None, validate_default=True)
+    safety: fields.Safety | None = Field(default=None, validate_default=True)
+    damping: fields.Rate | None = Field(default=None, validate_default=True)
+
+    @field_validator("step", "safety", "damping", mode="after")
+    @classmethod
+    def _dynamic(cls, value: float | None, info: ValidationInfo) -> float | None:
+        if info.data.get("mode", "dynamic") != "dynamic":
+            if value is not None:
+                raise problem("belongs to mode `dynamic`", "write `mode: dynamic`, or leave this key out")
+            return None
+        if info.field_name == "safety" and info.data.get("step") is not None:
+            if value is not None:
+                raise problem("is given as well as `step`", "give one of them")
+            return None
+        return value if value is not None else {"step": None, "safety": 0.8, "damping": 0.0}[info.field_name]
 
     @field_validator("grouping", "load_steps", "diffusion_substeps", mode="after")
     @classmethod

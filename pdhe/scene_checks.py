@@ -13,7 +13,7 @@ from pdhe.scene_mirrors import Segment, check_symmetry, edge_segments, mirror_le
 
 if TYPE_CHECKING:
     from pdhe.scene import Scene
-    from pdhe.scene_blocks import Crack, Hole
+    from pdhe.scene_blocks import Crack, Hole, Region
     from pdhe.scene_history import PiecewiseLinear
     from pdhe.sizing import SizeField
 
@@ -47,9 +47,11 @@ def check_scene(scene: "Scene") -> None:
     _check_cracks(scene)
     _check_physics(scene)
     _check_material(scene)
+    _check_regions(scene)
     _check_node_sets(scene)
     check_symmetry(scene)
     _check_loads(scene)
+    _check_dynamics(scene)
     _check_coverage(scene)
 
 
@@ -153,15 +155,29 @@ def _named(scene: "Scene") -> "list[tuple[str, Hole | Crack]]":
     return [*holes, *((f"geometry.cracks.{k}", crack) for k, crack in enumerate(scene.geometry.cracks))]
 
 
+def _check_regions(scene: "Scene") -> None:
+    width, height = scene.geometry.width, scene.geometry.height
+    if scene.regions is not None and not scene.regions:
+        raise problem("is an empty list", "add a region, or leave `regions` out", "regions")
+    for k, region in enumerate(scene.regions or ()):
+        x0, y0, x1, y1 = region.box
+        if not (x0 < x1 and y0 < y1):
+            text = "makes a box without an area"
+            raise problem(text, "`from` and `to` are two opposite corners of the box", f"regions.{k}.to")
+        if x1 < 0.0 or y1 < 0.0 or x0 > width or y0 > height:
+            raise problem("is outside the plate", f"the plate is {_mm(width, height)} from (0, 0)", f"regions.{k}.from")
+
+
 def _check_names(scene: "Scene") -> None:
     taken: dict[str, str] = {}
-    for key, item in _named(scene):
+    regions: list[tuple[str, Any]] = [(f"regions.{k}", region) for k, region in enumerate(scene.regions or ())]
+    for key, item in [*_named(scene), *regions]:
         name = item.name.lower()
         if name in RESERVED:
             hint = f"{', '.join(f'`{word}`' for word in RESERVED)} name parts of every plate"
             raise problem("is a reserved name", hint, f"{key}.name")
         if name in taken:
-            hint = "names of holes and cracks must differ in more than capitals"
+            hint = "names of holes, cracks and regions must differ in more than capitals"
             raise problem(f"is already the name of {taken[name]}", hint, f"{key}.name")
         taken[name] = key
 
@@ -306,19 +322,61 @@ def _check_loads(scene: "Scene") -> None:
     largest = max(scene.geometry.width, scene.geometry.height)
     prescribed: list[tuple[str, str, str, PiecewiseLinear]] = []
     for k, load in enumerate(scene.loads or ()):
-        if load.x is None and load.y is None:
-            hint = "give `x`, `y` or both, for example `{y: 0.02 mm}`; a free node set needs no load"
-            raise problem("prescribes nothing", hint, f"loads.{k}.displacement")
-        for component, history in (("x", load.x), ("y", load.y)):
-            if history is None:
-                continue
-            key = f"loads.{k}.displacement.{component}"
-            if max(abs(value) for value in history.values) > largest:
+        if not load.components:
+            example = {"displacement": "0.02 mm", "traction": "12 MPa"}.get(load.kind, "16.5 m/s")
+            hint = f"give `x`, `y` or both, for example `{{y: {example}}}`; a free node set needs no load"
+            raise problem("prescribes nothing", hint, f"loads.{k}.{load.kind}")
+        for axis, given in load.components.items():
+            key = f"loads.{k}.{load.kind}.{'xy'[axis]}"
+            if load.kind == "displacement" and max(abs(value) for value in given.values) > largest:
                 raise problem(f"is larger than the plate, {_mm(largest)}", "check the unit", key)
-            prescribed.append((key, load.on, component, history))
+            if axis in load.motion:
+                prescribed.append((key, load.on, "xy"[axis], given))
     for one, two in combinations(prescribed, 2):
         if one[2] == two[2]:
-            _check_pair(scene, one[0], one[1], one[3], two[0], two[1], two[3])
+            same_kind = one[0].split(".")[2] == two[0].split(".")[2]
+            still = not any((*one[3].values, *two[3].values))
+            _check_pair(scene, one[0], one[1], one[3], two[0], two[1], two[3], same_kind or still)
+
+
+def _check_dynamics(scene: "Scene") -> None:
+    """Check what inertia needs, and what needs inertia."""
+    loads, dynamic = scene.loads or (), scene.stepping.mode == "dynamic"
+    for k, load in enumerate(loads):
+        if load.kind != "displacement" and not dynamic:
+            hint = "write `stepping: {mode: dynamic}`; equilibria take prescribed displacements only"
+            raise problem("needs inertia", hint, f"loads.{k}.{load.kind}")
+        if load.kind == "traction" and load.on not in RESERVED[:4]:
+            raise problem(
+                "has no surface that a traction could act on", "use left, right, bottom, top", f"loads.{k}.on"
+            )
+    if not dynamic:
+        return
+    if scene.loads is None:
+        hint = "add `loads`: a velocity, an initial velocity, a traction or a displacement"
+        raise problem("needs something that moves", hint, "stepping.mode")
+    if scene.material.density is None:
+        hint = "add for example `density: 7850 kg/m^3` to the material"
+        raise problem("is missing, and inertia needs it", hint, "material.density")
+    if scene.time.end <= 0.0:
+        raise problem("leaves no time for motion", "waves take `height / 5 km/s`", "time.end")
+    for k, load in enumerate(loads):
+        for axis, given in load.components.items():
+            if load.kind == "displacement" and given(0.0) != 0.0:
+                text = "is a jump at the start, where the body is at rest and not deformed"
+                hint = "let it begin at zero, for example `{0 us: 0 mm, 1 us: 0.01 mm}`, or prescribe a velocity"
+                raise problem(text, hint, f"loads.{k}.displacement.{'xy'[axis]}")
+    for key, kind in (("traction", "traction"), ("initial_velocity", "initial velocity")):
+        given_at: dict[tuple[str, int], int] = {}
+        for k, load in enumerate(loads):
+            for axis in load.components if load.kind == key else ():
+                if (load.on, axis) in given_at:
+                    text = f"gives `{load.on}` a second {kind} along {'xy'[axis]}"
+                    raise problem(text, "keep one of them", f"loads.{k}.{key}.{'xy'[axis]}")
+                given_at[load.on, axis] = k
+                if any(other.on == load.on and axis in other.motion for other in loads):
+                    text = f"acts on `{load.on}`, whose motion along {'xy'[axis]} is prescribed"
+                    raise problem(text, "keep one of them", f"loads.{k}.{key}.{'xy'[axis]}")
 
 
 def _check_coverage(scene: "Scene") -> None:
@@ -329,12 +387,13 @@ def _check_coverage(scene: "Scene") -> None:
 
 
 def _check_pair(
-    scene: "Scene", key1: str, on1: str, value1: "PiecewiseLinear", key2: str, on2: str, value2: "PiecewiseLinear"
-) -> None:
+    scene: "Scene", key1: str, on1: str, value1: "PiecewiseLinear", key2: str, on2: str, value2: "PiecewiseLinear",
+    comparable: bool = True,
+) -> None:  # fmt: skip
     """Refuse two prescriptions of one quantity that share nodes, unless they agree at every time."""
     if on1 == on2:
         raise problem(f"prescribes what `{key1}` already prescribes on `{on1}`", "keep one of them", key2)
-    if value1.equals(value2) or not _touch(scene, on1, on2):
+    if (comparable and value1.equals(value2)) or not _touch(scene, on1, on2):
         return
     text = f"contradicts `{key1}`: `{on1}` and `{on2}` share nodes"
     raise problem(text, "give both the same value at every time, or leave one out", key2)
@@ -344,11 +403,30 @@ def _touch(scene: "Scene", on1: str, on2: str) -> bool:
     """Tell whether two node sets share nodes, judged by the distance of the lines they follow."""
     if "all" in (on1, on2):
         return True
+    regions = {region.name: region for region in scene.regions or ()}
+    if on1 in regions and on2 in regions:
+        (a0, b0, a1, b1), (c0, d0, c1, d1) = regions[on1].box, regions[on2].box
+        return a0 <= c1 and c0 <= a1 and b0 <= d1 and d0 <= b1
+    if on1 in regions or on2 in regions:
+        region, other = (regions[on1], on2) if on1 in regions else (regions[on2], on1)
+        return _reaches(scene, region, other)
     (line1, radius1), (line2, radius2) = _line(scene, on1), _line(scene, on2)
     if on1 in RESERVED and on2 in RESERVED:
         return {on1, on2} not in ({"left", "right"}, {"bottom", "top"})
     distance = _segment_distance(line1, line2)
     return distance - radius1 - radius2 < SHARING_DISTANCE * scene.mesh.spacing * (1.0 + 1e-9)
+
+
+def _reaches(scene: "Scene", region: "Region", name: str) -> bool:
+    """Tell whether a box comes so near to what a node set follows that they may share nodes."""
+    x0, y0, x1, y1 = region.box
+    line, radius = _line(scene, name)
+    if any(x0 <= x <= x1 and y0 <= y <= y1 for x, y in line):
+        return True
+    corners = ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
+    distance = min(_segment_distance(line, side) for side in zip(corners, (*corners[1:], corners[0]), strict=True))
+    # A set follows its line within 0.75 spacings.
+    return distance - radius < 0.5 * SHARING_DISTANCE * scene.mesh.spacing * (1.0 + 1e-9)
 
 
 def _line(scene: "Scene", name: str) -> tuple[Segment, float]:

@@ -130,7 +130,10 @@ EnergyReleaseRate = Annotated[float, _quantity("energy release rate", sign="posi
 Diffusivity = Annotated[float, _quantity("diffusivity", sign="positive")]
 Density = Annotated[float, _quantity("density", sign="positive")]
 SaturationConcentration = Annotated[float, _quantity("concentration", "surface concentration", sign="positive")]
+Velocity = Annotated[float, _quantity("velocity")]
+Rate = Annotated[float, _quantity("rate", sign="not negative")]
 Fraction = Annotated[float, _ratio(lambda x: 0.0 <= x <= 1.0, "between 0 and 1")]
+Safety = Annotated[float, _ratio(lambda x: 0.0 < x <= 1.0, "greater than 0 and at most 1")]
 Accuracy = Annotated[float, _ratio(lambda x: 1e-4 <= x <= 0.5, "between 0.01 % and 50 %")]
 HorizonRatio = Annotated[float, _ratio(lambda x: x > 0.0, "greater than zero")]
 PoissonsRatio = Annotated[float, _ratio(lambda x: -1.0 < x < 0.5, "greater than -1 and less than 0.5")]
@@ -162,7 +165,8 @@ Text = Annotated[str, Reading(_read_text, {"type": "string", "minLength": 1})]
 NodeSet = Annotated[
     str,
     Reading(
-        _read_name, {"type": "string", "description": "left, right, bottom, top, all, or a hole's or crack's name"}
+        _read_name,
+        {"type": "string", "description": "left, right, bottom, top, all, or the name of a hole, a crack or a region"},
     ),
 ]
 

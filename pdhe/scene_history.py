@@ -31,6 +31,11 @@ class PiecewiseLinear(Block):
         v0, v1 = self.values[after - 1], self.values[after]
         return v0 + (v1 - v0) * ((time - t0) / (t1 - t0))
 
+    def integral(self, time: float) -> float:
+        """Return the integral from 0 to ``time`` (s), exactly: of a velocity, the way travelled."""
+        knots = [0.0, *(t for t in self.times if 0.0 < t < time), time]
+        return sum(0.5 * (self(t1) + self(t0)) * (t1 - t0) for t0, t1 in pairwise(knots))
+
     @property
     def corners(self) -> tuple[float, ...]:
         """Times (s) at which the slope changes."""
@@ -44,7 +49,8 @@ class PiecewiseLinear(Block):
 
 def _read_history(value: Any, info: ValidationInfo, *kinds: str) -> dict[str, tuple[float, ...]]:
     """Turn a constant, a ``time: value`` map or the resolved form into times and values."""
-    example = "{0 h: 0 mm, 1 h: 7 mm}" if kinds else "{0 h: 0, 1 h: 1}"
+    value1 = units.KINDS[kinds[0]].example if kinds else "1"
+    example = f"{{0 h: 0{value1[value1.find(' ') :] if kinds else ''}, 1 h: {value1}}}"
     if is_si(info):
         if not isinstance(value, dict) or set(value) != {"times", "values"}:
             raise problem("must hold times and values", "give both as lists of SI numbers")
@@ -75,6 +81,14 @@ def _read_displacement(value: Any, info: ValidationInfo) -> Any:
     return _read_history(value, info, "length")
 
 
+def _read_velocity(value: Any, info: ValidationInfo) -> Any:
+    return _read_history(value, info, "velocity")
+
+
+def _read_traction(value: Any, info: ValidationInfo) -> Any:
+    return _read_history(value, info, "stiffness")
+
+
 def _read_coverage(value: Any, info: ValidationInfo) -> Any:
     history = _read_history(value, info)
     if min(history["values"]) < 0.0 or max(history["values"]) > 1.0:
@@ -94,6 +108,26 @@ DisplacementHistory = Annotated[
         _schema(
             {"type": "string", "pattern": units.QUANTITY_PATTERN},
             "constant such as `7 mm`, or a map of time to length such as `{0 h: 0 mm, 1 h: 7 mm}`",
+        ),
+    ),
+]
+VelocityHistory = Annotated[
+    PiecewiseLinear,
+    Reading(
+        _read_velocity,
+        _schema(
+            {"type": "string", "pattern": units.QUANTITY_PATTERN},
+            "constant such as `16.5 m/s`, or a map of time to velocity such as `{0 us: 0 m/s, 1 us: 16.5 m/s}`",
+        ),
+    ),
+]
+TractionHistory = Annotated[
+    PiecewiseLinear,
+    Reading(
+        _read_traction,
+        _schema(
+            {"type": "string", "pattern": units.QUANTITY_PATTERN},
+            "constant such as `12 MPa`, or a map of time to force per area such as `{0 us: 0 MPa, 1 us: 12 MPa}`",
         ),
     ),
 ]

@@ -83,11 +83,12 @@ def _check_loads(scene: "Scene", mirrors: dict[str, tuple[int, float]]) -> None:
     lines |= {crack.name: (crack.start, crack.end) for crack in scene.geometry.cracks}
     for k, load in enumerate(scene.loads or ()):
         for edge, (axis, level) in mirrors.items():
-            history, line = (load.x, load.y)[axis], lines.get(load.on)
+            given, line = load.components.get(axis, 0.0), lines.get(load.on)
+            moving = any(given.values) if load.kind != "initial_velocity" and given else given != 0.0
             meets = load.on == "all" or (
                 line is not None and min(abs(point[axis] - level) for point in line) <= 1e-9 * math.dist(*line)
             )
-            if history is not None and meets and any(history.values):
+            if moving and meets:
                 text = f"moves `{load.on}` across the mirror line `{edge}`, where its image moves the other way"
                 hint = "only 0 is possible there; move a set that does not meet the line, or drop the symmetry"
-                raise problem(text, hint, f"loads.{k}.displacement.{'xy'[axis]}")
+                raise problem(text, hint, f"loads.{k}.{load.kind}.{'xy'[axis]}")

@@ -6,6 +6,7 @@ import contextlib
 import json
 import tempfile
 from collections.abc import Callable, Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -41,6 +42,9 @@ FEW = 100
 LOOSE = 0.5
 #: Nodes from which a job flies a pilot before it starts: it takes about a second, the run minutes.
 PILOT_FROM = 50_000
+
+#: Steps with inertia between two points at which a checkpoint can be taken.
+SAFE_EVERY = 50
 
 Progress = Callable[[str], None]
 
@@ -186,7 +190,7 @@ def _silent(text: str) -> None:
 def _simulate(case: Case, log: Progress = _silent, keeper: Keeper | None = None) -> Contents:
     with threads_for(case.bonds.length.size):
         run = (keeper.load(case) if keeper else None) or _begin(case)
-        step = _step_events if case.scene.stepping.mode == "events" else _step_fixed
+        step = {"events": _step_events, "fixed": _step_fixed, "dynamic": _step_dynamic}[case.scene.stepping.mode]
         offer = keeper.offer if keeper else lambda run: None
         try:
             if not run.recorder.rows:
@@ -244,9 +248,10 @@ def _last_good(run: Run, status: str) -> Contents:
 
 
 def _begin(case: Case) -> Run:
-    """Run at time zero, in equilibrium; loads that are on from the start may break bonds before any time has passed."""
+    """Run at time zero, in equilibrium or motion; loads that are on from the start may break bonds before any time has passed."""
     try:
-        return Run(case, start(case), Recorder(), failing_from=None if case.rule is None else 0.0)
+        failing = case.rule is not None and case.equilibrium is not None
+        return Run(case, start(case), Recorder(), failing_from=0.0 if failing else None)
     except SimulationError as error:
         text = f"at t = 0 s, before the first equilibrium: {error}{_likely_reason(case, error.node)}"
         raise SimulationError(text, error.node) from error
@@ -271,6 +276,9 @@ def start(case: Case) -> State:
         u, force = case.equilibrium.solve(state.displacement, case.conditions.values(0.0))
         # A load that is on from the start counts as applied slowly before it: the work of a proportional ramp.
         moves.move_to(case, state, moves.Motion(0.0, 0.0, u, u, force, force), 0.0)
+    if case.dynamics is not None:
+        case.dynamics.sweep(0.0)
+        state.displacement, state.velocity, state.force = case.dynamics.u, case.dynamics.v, case.dynamics.force
     if case.diffusion is not None:
         state.coverage = np.full(n, case.scene.hydrogen.initial)
         state.held, state.saturated, state.supply = np.zeros(n, bool), np.zeros(n, bool), np.zeros(n)
@@ -375,8 +383,52 @@ def _step_fixed(run: Run, log: Progress, offer: Callable[[Run], None]) -> None:
         offer(run)
 
 
+def _step_dynamic(run: Run, log: Progress, offer: Callable[[Run], None]) -> None:
+    """Steps with inertia: equal ones between outputs and corners of what is prescribed, bonds failing after each.
+
+    Hydrogen, which hardly moves meanwhile, goes ahead to the end of each such stretch.
+    """
+    case, state, motion, scene = run.case, run.state, run.case.dynamics, run.case.scene
+    wanted = min(scene.stepping.step or scene.stepping.safety * motion.limit, scene.time.end)
+    outputs = {t for t in scene.outputs.times if t > 0.0}
+    stops = sorted({t for t in (*_corners(case), *outputs) if 0.0 < t < scene.time.end} | {scene.time.end})
+    for begin, stop in pairwise((0.0, *stops)):
+        if stop <= state.time:
+            continue
+        steps = motion.steps(stop - begin, wanted)
+        length = (stop - begin) / steps
+        if case.diffusion is not None and run.step == 0:
+            moves.advance(case, state, stop, None, None)
+            state.time = begin
+        motion.watch(case.rule, state.coverage)
+        ended = True
+        for k in range(run.step + 1, steps + 1):
+            if not ended and motion.damping > 0.0:
+                state.damping_loss += case.copies * motion.end(length)
+                ended = True
+            state.time = stop if k == steps else begin + k * length
+            work, lost = motion.step(state.time, length, ended)
+            state.external_work += case.copies * work
+            state.damping_loss += case.copies * lost
+            ended, found = False, motion.critical() if case.rule is not None else None
+            if found is not None or k == steps or k % SAFE_EVERY == 0:
+                state.damping_loss += case.copies * motion.end(length)
+                ended = True
+            if found is not None:
+                state.fracture_energy += case.copies * motion.break_bonds(found[0], state.time)
+                moves.note_broken(case, state, *found, run.recorder)
+            run.step = k % steps
+            if k < steps and k % SAFE_EVERY == 0:
+                offer(run)
+        if case.diffusion is not None:
+            moves.saturate_broken(case, state)
+        _note_event(run, True, stop in outputs, log, offer)
+
+
 def _corners(case: Case) -> list[float]:
     times = list(case.conditions.corners) if case.conditions is not None else []
+    if case.dynamics is not None:
+        times = case.dynamics.corners()
     if case.scene.hydrogen is not None:
         times += [t for condition in case.scene.hydrogen.boundary for t in condition.coverage.corners]
     return times
@@ -402,6 +454,8 @@ def _progress_line(case: Case, state: State) -> str:
     parts = [f"t = {state.time:.4g} s"]
     if case.equilibrium is not None:
         parts.append(f"solves {case.equilibrium.work.equilibrium_solves}")
+    if case.dynamics is not None:
+        parts.append(f"steps {case.dynamics.work.time_steps}")
     if case.rule is not None:
         parts.append(f"broken bonds {state.broken_bonds}, extension {state.crack_extension * 1e3:.4g} mm")
     if case.diffusion is not None:
@@ -446,12 +500,16 @@ def record(case: Case, state: State, recorder: Recorder, snapshot: bool) -> None
             "force_sweeps": work.force_sweeps,
         }
         fields["displacement"] = state.displacement
+    if case.dynamics is not None:
+        row |= _dynamic_row(case, state)
+        fields |= {"displacement": state.displacement, "velocity": state.velocity}
     if case.rule is not None:
         phi = case.body.damage()
         fields["damage"] = phi
         if snapshot and state.broken_bonds and case.body.can_be_indefinite:
             _check_stability(case)
-        nearest = nearest_failure(case.body, case.rule, state.displacement, state.coverage)
+        u = np.ascontiguousarray(state.displacement)
+        nearest = nearest_failure(case.body, case.rule, u, state.coverage)
         row |= {
             "fracture_energy": state.fracture_energy,
             "crack_length": equivalent_crack_length(case),
@@ -476,6 +534,24 @@ def record(case: Case, state: State, recorder: Recorder, snapshot: bool) -> None
     recorder.row(**row)
     if snapshot:
         recorder.snapshot(state.time, **fields)
+
+
+def _dynamic_row(case: Case, state: State) -> dict[str, float]:
+    """The part of a history entry that belongs to a motion with inertia."""
+    motion, t = case.dynamics, state.time
+    kinetic, of_held = motion.kinetic()
+    row = case.conditions.reactions(state.force)
+    row |= {f"applied_{p.on}_{'xy'[p.component]}": p.value(t) for p in case.conditions.prescribed}
+    row |= {f"traction_{p.on}_{'xy'[p.component]}": p.value(t) for p in motion.tractions}
+    return row | {
+        "elastic_energy": case.copies * motion.elastic(),
+        "kinetic_energy": case.copies * kinetic,
+        # Held nodes take their own kinetic energy from what moves them.
+        "external_work": state.external_work + case.copies * of_held,
+        "damping_loss": state.damping_loss,
+        "time_steps": motion.work.time_steps,
+        "force_sweeps": motion.work.force_sweeps,
+    }
 
 
 def equivalent_crack_length(case: Case) -> float:

@@ -18,6 +18,8 @@ class State:
         s.
     displacement, force
         m and N, (n, 2).
+    velocity
+        m/s (n, 2); None without inertia.
     coverage
         Hydrogen coverage (n,).
     held
@@ -41,6 +43,7 @@ class State:
     time: float = 0.0
     displacement: np.ndarray | None = None
     force: np.ndarray | None = None
+    velocity: np.ndarray | None = None
     coverage: np.ndarray | None = None
     held: np.ndarray | None = None
     saturated: np.ndarray | None = None
@@ -52,6 +55,7 @@ class State:
     resume: float | None = None
     far: np.ndarray | None = None
     external_work: float = 0.0
+    damping_loss: float = 0.0
     fracture_energy: float = 0.0
     broken_bonds: int = 0
     failure_rounds: int = 0

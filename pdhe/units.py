@@ -33,6 +33,8 @@ KINDS: dict[str, Kind] = {
     "energy release rate": Kind("J/m^2", "16.5 kJ/m^2"),
     "diffusivity": Kind("m^2/s", "0.84e-9 m^2/s"),
     "density": Kind("kg/m^3", "7850 kg/m^3"),
+    "velocity": Kind("m/s", "16.5 m/s"),
+    "rate": Kind("s^-1", "1e4 s^-1"),
     "concentration": Kind("mol/m^3", "2.1 mol/m^3"),
     "surface concentration": Kind("mol/m^2", "2.65e-5 mol/m^2"),
 }
@@ -54,7 +56,8 @@ _STRESS = {"[length]": -1.0, "[mass]": 1.0, "[time]": -2.0}
 _COMMON_UNITS: dict[str, tuple[float, dict[str, float]]] = {
     "m": (1.0, _LENGTH), "cm": (0.01, _LENGTH), "mm": (0.001, _LENGTH), "um": (1e-6, _LENGTH), "µm": (1e-6, _LENGTH),
     "nm": (1e-9, _LENGTH), "km": (1000.0, _LENGTH), "in": (0.0254, _LENGTH), "ft": (0.3048, _LENGTH),
-    "s": (1.0, _TIME), "ms": (0.001, _TIME), "min": (60.0, _TIME), "h": (3600.0, _TIME), "day": (86400.0, _TIME),
+    "s": (1.0, _TIME), "ms": (0.001, _TIME), "us": (1e-6, _TIME), "µs": (1e-6, _TIME), "ns": (1e-9, _TIME),
+    "min": (60.0, _TIME), "h": (3600.0, _TIME), "day": (86400.0, _TIME),
     "year": (31557600.0, _TIME), "Pa": (1.0, _STRESS), "kPa": (1e3, _STRESS), "MPa": (1e6, _STRESS),
     "GPa": (1e9, _STRESS), "J": (1.0, _ENERGY), "kJ": (1e3, _ENERGY), "mJ": (1e-3, _ENERGY), "N": (1.0, _FORCE),
     "kN": (1e3, _FORCE), "kg": (1.0, _MASS), "g": (0.001, _MASS), "mg": (1e-6, _MASS), "mol": (1.0, _AMOUNT),

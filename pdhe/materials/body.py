@@ -130,6 +130,38 @@ class Body(ABC):
     def force(self, u: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Internal force on each node, N (n, dim): minus the derivative of the energy."""
 
+    @property
+    def columns(self) -> bool:
+        """Whether fields in Fortran order, one component after the other, suit the sweeps."""
+        return False
+
+    def force_and_ratios(
+        self, u: np.ndarray, by_energy: bool, weakness: np.ndarray, out: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Internal force, and how near bonds are to failure: what a step of a motion asks for.
+
+        Parameters
+        ----------
+        u, out
+            Displacements, m, and forces, N, both (n, dim), in Fortran order where :attr:`columns` says so.
+        by_energy
+            As in :meth:`bond_loads`.
+        weakness
+            One over the square of the resistance of each node's bonds (n,), zero where none of them may break.
+
+        Returns
+        -------
+        square, nodes
+            Square of the largest load over resistance among the bonds of each node, the lesser resistance of both ends
+            counting, (n,), and :meth:`node_parts`.
+        """
+        self.force(u, out)
+        owner, other = self.bonds.owners(), self.bonds.far()
+        breakable = self.intact & (weakness[owner] > 0.0) & (weakness[other] > 0.0)
+        resistance = 1.0 / np.sqrt(np.where(weakness > 0.0, weakness, 1.0))
+        top, nodes = self.largest_ratios(u, by_energy, breakable, resistance)
+        return top**2, nodes
+
     @abstractmethod
     def energy(self, u: np.ndarray) -> np.ndarray:
         """Elastic energy of each node, J (n,)."""

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from pdhe.bonds import Bonds
-from pdhe.kernels import lattice, mechanics
+from pdhe.kernels import lattice, mechanics, verlet
 from pdhe.kernels.jit import as_float
 from pdhe.materials import constants
 from pdhe.materials.body import Body, Measure, Model
@@ -126,6 +126,38 @@ class BondBody(Body):
         lattice.internal_force(*vectors, self._grid_share, self.normal, self.tangential, ux, uy, turning, fx, fy)
         out[:, 0], out[:, 1] = (fx, fy) if padding is None else (padding.gather(fx), padding.gather(fy))
         return out
+
+    @property
+    def columns(self) -> bool:
+        """True on a lattice, where all bonds are between nodes."""
+        return self.bonds.lattice is not None and self.bonds.images is None
+
+    def force_and_ratios(
+        self, u: np.ndarray, by_energy: bool, weakness: np.ndarray, out: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """See :meth:`Body.force_and_ratios`: here in one go over the bonds, unless some are with images."""
+        if self.bonds.images is not None:
+            return super().force_and_ratios(u, by_energy, weakness, out)
+        b, square = self.bonds, np.empty(self.bonds.node_count)
+        constants = self.share, self.normal, self.tangential
+        if b.lattice is not None:
+            grid, weight = b.lattice, self._by_offset
+            ux, uy = np.ascontiguousarray(u[:, 0]), np.ascontiguousarray(u[:, 1])
+            theta, turning = np.empty((2, ux.size))
+            split = out if out.flags.f_contiguous else np.empty((ux.size, 2), order="F")
+            vectors = grid.step, grid.dx, grid.dy, weight
+            lattice.node_rotation(*vectors, self.inverse, self.share, ux, uy, theta, turning)
+            verlet.lattice_force(
+                *vectors, *constants, ux, uy, theta, by_energy, weakness, split[:, 0], split[:, 1], square
+            )
+            if split is not out:
+                out[:] = split
+            return square, theta
+        spin = self._rotate(u)
+        verlet.gather_force(
+            b.offsets, b.neighbours, self.coordinates, self.cubed, *constants, u, spin, by_energy, weakness, out, square
+        )
+        return square, spin[:, 0]
 
     def energy(self, u: np.ndarray) -> np.ndarray:
         """Elastic energy of each node, J (n,): half of that of its bonds (theory, eq. 2.1)."""

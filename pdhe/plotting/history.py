@@ -22,7 +22,7 @@ from pdhe.wholefile import moved_when_whole
 #: Colours that remain distinct for colour-blind readers (Wong 2011), and dashes that remain distinct in print.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _DASHES = ("-", "--", "-.", ":", "-", "--")
-_PREFIXES = (("k", 1e3), ("", 1.0), ("m", 1e-3), ("µ", 1e-6), ("n", 1e-9))
+_PREFIXES = (("G", 1e9), ("M", 1e6), ("k", 1e3), ("", 1.0), ("m", 1e-3), ("µ", 1e-6), ("n", 1e-9))
 _COLUMNS, _PITCH, _AXES, _LABELS = 2, 42.0, 36.0, 8.0  # mm: height of a row, of its axes, of labels below the last row
 
 Curves = tuple[str, dict[str, np.ndarray]]
@@ -42,7 +42,9 @@ def draw_history(result_path: str | Path, out_path: str | Path) -> None:
         if "history_time" not in result:
             raise PdheError(f"{result_path}: the result holds no history")
         panels = [
-            panel for make in (_applied, _reactions, _energies, _crack, _damage, _hydrogen) if (panel := make(result))
+            panel
+            for make in (_applied, _tractions, _reactions, _energies, _crack, _damage, _hydrogen)
+            if (panel := make(result))
         ]
         if not panels:
             raise PdheError(f"{result_path}: the history of the result holds nothing to draw")
@@ -117,6 +119,11 @@ def _applied(result: xr.Dataset) -> Curves | None:
     return _scaled("applied displacement", "m", curves) if curves else None
 
 
+def _tractions(result: xr.Dataset) -> Curves | None:
+    curves = _of_node_sets(result, "traction_")
+    return _scaled("traction", "Pa", curves) if curves else None
+
+
 def _reactions(result: xr.Dataset) -> Curves | None:
     curves = _of_node_sets(result, "reaction_")
     return _scaled("reaction", "N", curves) if curves else None
@@ -127,6 +134,9 @@ def _energies(result: xr.Dataset) -> Curves | None:
         return None
     balance = post.energy_balance(result)
     shown = ("work", "elastic", "dissipated", "fracture") if "fracture_energy" in result else ("work", "elastic")
+    if "kinetic" in balance:
+        shown = ("work", "elastic", "kinetic", *(("fracture",) if "fracture_energy" in result else ()))
+        shown += ("damping",) if balance["damping"].any() else ()
     names = {"fracture": "broken bonds"}
     return _scaled("energy", "J", {names.get(name, name): balance[name] for name in shown})
 
