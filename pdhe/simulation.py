@@ -248,7 +248,7 @@ def _last_good(run: Run, status: str) -> Contents:
 
 
 def _begin(case: Case) -> Run:
-    """Run at time zero, in equilibrium or motion; loads that are on from the start may break bonds before any time has passed."""
+    """Run at time zero; with equilibria, loads that are on from the start may break bonds before time has passed."""
     try:
         failing = case.rule is not None and case.equilibrium is not None
         return Run(case, start(case), Recorder(), failing_from=0.0 if failing else None)
