@@ -14,10 +14,10 @@ from pdhe.dynamics import Traction, Verlet
 from pdhe.embrittlement import LAWS, resistance
 from pdhe.errors import SceneError
 from pdhe.materials import MODELS, Body, make_body
-from pdhe.mirrors import Symmetry
+from pdhe.mirrors import EDGE_AXIS, Symmetry
 from pdhe.relaxation import DynamicRelaxation
-from pdhe.scene import Region, Scene
-from pdhe.scene_mirrors import edge_segments
+from pdhe.scene import Scene
+from pdhe.scene_mirrors import edge_segments, mirrors_through, region_diagonal
 from pdhe.sizing import SizeField
 from pdhe.solvers import Equilibrium
 from pdhe.stability import NEGATIVE, least_eigenvalue
@@ -148,18 +148,18 @@ def _reaction_factors(scene: Scene, symmetry: Symmetry | None) -> dict[tuple[str
         return factors
     lines = edge_segments(scene.geometry.width, scene.geometry.height)
     lines |= {crack.name: (crack.start, crack.end) for crack in scene.geometry.cracks}
-    lines |= {region.name: _diagonal(scene, region) for region in scene.regions or ()}
+    lines |= {region.name: region_diagonal(scene.geometry, region) for region in scene.regions or ()}
+    holes = {hole.name: mirrors_through(scene.geometry, hole) for hole in scene.geometry.holes}
     for name in {load.on for load in scene.loads or ()}:
-        met = symmetry.axes if name == "all" else symmetry.touched(lines[name]) if name in lines else ()
+        if name == "all":
+            met = list(symmetry.axes)
+        elif name in lines:
+            met = symmetry.touched(lines[name])
+        else:
+            met = [EDGE_AXIS[edge][0] for edge in holes[name]]
         for component in (0, 1):
             factors[name, component] = float(np.prod([0.0 if axis == component else 2.0 for axis in met]))
     return factors
-
-
-def _diagonal(scene: Scene, region: Region) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Two opposite corners of what a region has of the plate, m."""
-    x0, y0, x1, y1 = region.box
-    return (max(x0, 0.0), max(y0, 0.0)), (min(x1, scene.geometry.width), min(y1, scene.geometry.height))
 
 
 def _require_positive_stiffness(scene: Scene, body: Body, free: np.ndarray) -> None:

@@ -9,7 +9,7 @@ from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 from pdhe.scene_fields import problem
-from pdhe.scene_mirrors import Segment, check_symmetry, edge_segments, mirror_levels
+from pdhe.scene_mirrors import Segment, check_symmetry, edge_segments, mirror_levels, mirrors_through
 
 if TYPE_CHECKING:
     from pdhe.scene import Scene
@@ -192,9 +192,13 @@ def _check_holes(scene: "Scene") -> None:
         if hole.radius < spacing:
             hint = f"use a radius of at least one spacing, {_mm(spacing)}"
             raise problem("is smaller than the spacing and cannot be meshed", hint, f"{key}.radius")
-        room = min(x, y, width - x, height - y)
+        away = {"left": x, "bottom": y, "right": width - x, "top": height - y}
+        room = min(length for edge, length in away.items() if edge not in mirrors_through(scene.geometry, hole))
         if hole.radius >= room * (1.0 - 1e-9):
-            raise problem("reaches the edge of the plate", f"use a radius below {_mm(room)}", f"{key}.radius")
+            hint = f"use a radius below {_mm(room)}"
+            if scene.geometry.symmetry:
+                hint += ", or put the centre on the mirror line"
+            raise problem("reaches the edge of the plate", hint, f"{key}.radius")
         if room - hole.radius < scene.mesh.spacing * (1.0 - 1e-9):
             text = f"leaves {_mm(room - hole.radius)} to the edge, less than the spacing"
             raise problem(text, "move the hole, or use a finer mesh.spacing", f"{key}.radius")

@@ -7,7 +7,7 @@ from pdhe.scene_fields import problem
 
 if TYPE_CHECKING:
     from pdhe.scene import Scene
-    from pdhe.scene_blocks import Crack, Geometry
+    from pdhe.scene_blocks import Crack, Geometry, Hole, Region
 
 Segment = tuple[tuple[float, float], tuple[float, float]]
 
@@ -27,6 +27,12 @@ def mirror_levels(geometry: "Geometry") -> dict[str, tuple[int, float]]:
     width, height = geometry.width, geometry.height
     places = {"left": (0, 0.0), "right": (0, width), "bottom": (1, 0.0), "top": (1, height)}
     return {edge: places[edge] for edge in geometry.symmetry or ()}
+
+
+def mirrors_through(geometry: "Geometry", hole: "Hole") -> list[str]:
+    """Return the mirror lines that a hole is centred on: the plate has a half or a quarter of it."""
+    lines = mirror_levels(geometry).items()
+    return [edge for edge, (axis, level) in lines if abs(hole.centre[axis] - level) <= 1e-9 * hole.radius]
 
 
 def whole_size(geometry: "Geometry") -> tuple[float, float]:
@@ -81,14 +87,24 @@ def _check_loads(scene: "Scene", mirrors: dict[str, tuple[int, float]]) -> None:
     """Refuse loads that would tear a set apart where it meets its image."""
     lines = edge_segments(scene.geometry.width, scene.geometry.height)
     lines |= {crack.name: (crack.start, crack.end) for crack in scene.geometry.cracks}
+    lines |= {region.name: region_diagonal(scene.geometry, region) for region in scene.regions or ()}
+    holes = {hole.name: mirrors_through(scene.geometry, hole) for hole in scene.geometry.holes}
     for k, load in enumerate(scene.loads or ()):
         for edge, (axis, level) in mirrors.items():
             given, line = load.components.get(axis, 0.0), lines.get(load.on)
             moving = any(given.values) if load.kind != "initial_velocity" and given else given != 0.0
-            meets = load.on == "all" or (
-                line is not None and min(abs(point[axis] - level) for point in line) <= 1e-9 * math.dist(*line)
+            meets = (
+                load.on == "all"
+                or edge in holes.get(load.on, ())
+                or (line is not None and min(abs(point[axis] - level) for point in line) <= 1e-9 * math.dist(*line))
             )
             if moving and meets:
                 text = f"moves `{load.on}` across the mirror line `{edge}`, where its image moves the other way"
                 hint = "only 0 is possible there; move a set that does not meet the line, or drop the symmetry"
                 raise problem(text, hint, f"loads.{k}.{load.kind}.{'xy'[axis]}")
+
+
+def region_diagonal(geometry: "Geometry", region: "Region") -> Segment:
+    """Return two opposite corners of what a region has of the plate (m)."""
+    x0, y0, x1, y1 = region.box
+    return (max(x0, 0.0), max(y0, 0.0)), (min(x1, geometry.width), min(y1, geometry.height))

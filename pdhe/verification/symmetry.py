@@ -36,7 +36,7 @@ whole body gives. Each part is meshed, and its mesh mirrored to make that of the
 *Operators.* Random displacements and coverages, continued to the whole body by symmetry, with one bond in twenty
 broken: forces, energies, damage and rates of diffusion of the part are those of the whole body to round-off, on
 lattices, triangles and graded triangles, for positive and negative tangential stiffness, with a crack along the
-mirror line or across it.
+mirror line or across it, and with a quarter of a hole.
 
 *Runs.* An elastic plate, a dry one that is torn apart, and plates that hydrogen cracks: the notched plate of the
 thesis as a half whose mirror line the crack runs along, and a plate with a crack in its middle as a quarter.
@@ -109,7 +109,8 @@ def part_scene(
 def whole_scene(scene: Scene) -> Scene:
     """The scene of the whole body, its lower-left corner at the origin.
 
-    For scenes whose loads stand on edges and whose cracks meet their images.
+    For scenes whose loads stand on edges and whose holes meet their images. Images of cracks have names of their own,
+    but the set of nodes is one, see :func:`mirrored`.
     """
     symmetry, resolved = Symmetry.of(scene.geometry), scene.resolved()
     shift = np.zeros(2)
@@ -118,9 +119,13 @@ def whole_scene(scene: Scene) -> Scene:
         shift[axis] = resolved["geometry"]["plate"][side]
         resolved["geometry"]["plate"][side] *= 2.0
     del resolved["geometry"]["symmetry"]
-    for crack in resolved["geometry"]["cracks"]:
-        ((start, end),) = symmetry.cracks([(crack["from"], crack["to"])])
-        crack |= {"from": (start + shift).tolist(), "to": (end + shift).tolist()}
+    for hole in resolved["geometry"].get("holes", []):
+        hole["centre"] = (symmetry.framed(hole["centre"]) + shift).tolist()
+    resolved["geometry"]["cracks"] = [
+        {"name": crack["name"] + "i" * k, "from": (start + shift).tolist(), "to": (end + shift).tolist()}
+        for crack in resolved["geometry"]["cracks"]
+        for k, (start, end) in enumerate(symmetry.cracks([(crack["from"], crack["to"])]))
+    ]
     for item in resolved["mesh"].get("refine", []):
         item |= {key: (symmetry.framed(item[key]) + shift).tolist() for key in ("from", "to") if key in item}
     for axis in symmetry.axes:
@@ -262,6 +267,7 @@ def operator_cases(spacing: float) -> dict[str, Scene]:
     half = ((0.1, 0.05), ("bottom",), ((0.0, 0.0), (0.03, 0.0)), spacing, 1e4)
     across = ((0.05, 0.06), ("right",), ((0.02, 0.03), (0.05, 0.03)), spacing, 1e4)
     quarter = ((0.06, 0.05), ("left", "bottom"), ((0.0, 0.0), (0.02, 0.0)), spacing, 1e4)
+    bore = {"name": "bore", "centre": [0.0, 0.0], "radius": 0.015}
     fine = {"around": "notch", "spacing": 0.5 * spacing, "within": spacing}
     graded = {"spacing": spacing, "cells": "triangle", "refine": [fine]}
     scenes = {
@@ -272,9 +278,16 @@ def operator_cases(spacing: float) -> dict[str, Scene]:
         "quarter, triangles": part_scene(*quarter, cells="triangle"),
         "quarter, graded triangles": part_scene(*quarter, mesh=graded),
     }
-    soft = scenes["quarter, lattice"]
-    negative = soft.material.model_copy(update={"poissons_ratio": 0.36})
-    return scenes | {"quarter, lattice, Poisson's ratio 0.36": soft.model_copy(update={"material": negative})}
+    # One with a quarter of a hole, from which a crack goes out.
+    triangles = scenes["quarter, triangles"].resolved()
+    triangles["geometry"] |= {"holes": [bore], "cracks": [{"name": "notch", "from": [0.015, 0.0], "to": [0.03, 0.0]}]}
+    # A tangential stiffness that is negative, and fades out with damage.
+    negative = scenes["quarter, lattice"].resolved()
+    negative["material"]["poissons_ratio"] = 0.36
+    return scenes | {
+        "quarter with a hole, triangles": Scene.from_resolved(triangles),
+        "quarter, lattice, Poisson's ratio 0.36": Scene.from_resolved(negative),
+    }
 
 
 def run_cases(spacing: float) -> dict[str, Scene]:

@@ -10,14 +10,16 @@ from pdhe.case import build_case
 from pdhe.diagnosis import diagnose, rebuild
 from pdhe.discretization import discretize
 from pdhe.errors import SceneError
+from pdhe.materials import MODELS
 from pdhe.mesh import make_mesh
 from pdhe.mirrors import Symmetry
 from pdhe.plan import make_plan
 from pdhe.plotting import draw
 from pdhe.post import crack_path, facets_of, summary
 from pdhe.results import open_result, write_dataset
-from pdhe.scene import load_scene
+from pdhe.scene import Scene, load_scene
 from pdhe.simulation import simulate, solve_case
+from pdhe.verification.slabs import nodes_of
 from pdhe.verification.symmetry import operator_errors, pair_of, part_scene
 from pdhe.whole import whole_result
 
@@ -58,6 +60,17 @@ BAD = {
     ),
     "kinked crack": (
         {"geometry.cracks": crack(["50 mm", "0 mm"], ["80 mm", "30 mm"])}, "geometry.cracks.0.from", "a kink there",
+    ),
+    "hole beside a mirror line": (
+        {"geometry.holes": [{"name": "bore", "centre": ["100 mm", "5 mm"], "radius": "10 mm"}]},
+        "geometry.holes.0.radius",
+        "or put the centre on the mirror line",
+    ),
+    "hole pulled across a mirror": (
+        {"geometry.holes": [{"name": "bore", "centre": ["100 mm", "0 mm"], "radius": "10 mm"}],
+         "loads": [{"on": "bore", "displacement": {"y": "1 um"}}]},
+        "loads.0.displacement.y",
+        "moves `bore` across",
     ),
     "crack along an edge that is none": (
         {"geometry.symmetry": ["left"], "loads": loads(y="0.02 mm")}, "geometry.cracks.0.to", "cuts nothing",
@@ -153,6 +166,36 @@ def test_a_quarter_mirrored_at_its_upper_right_corner():
         errors = operator_errors(pair_of(part_scene(*corner, cells=cells)))
         # Round-off; measured 5e-15.
         assert max(errors.values()) < 1e-12, errors
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_every_model_is_the_same_on_a_part_or_refuses_it(model):
+    changed = part_scene((0.06, 0.05), ("left", "bottom"), ((0.0, 0.0), (0.02, 0.0)), 5e-3, 1e4).resolved()
+    changed["mechanics"] = {"model": model}
+    changed["material"]["poissons_ratio"] = 1.0 / 3.0
+    if not MODELS[model].body.sees_images:
+        with pytest.raises(SceneError, match="is not there for"):
+            pair_of(Scene.from_resolved(changed))
+        return
+    # Round-off; measured 4e-15.
+    assert max(operator_errors(pair_of(Scene.from_resolved(changed))).values()) < 1e-12
+
+
+def test_a_load_on_half_a_hole():
+    changed = part_scene((0.06, 0.05), ("left",), ((0.04, 0.02), (0.06, 0.02)), 5e-3, 1e4, cells="triangle", wet=None)
+    changed = changed.resolved() | {"damage": None}
+    changed["geometry"]["holes"] = [{"name": "bore", "centre": [0.0, 0.025], "radius": 0.01}]
+    changed["loads"] = [
+        {"on": "bore", "displacement": {"y": {"times": [0.0], "values": [1e-6]}}},
+        {"on": "top", "displacement": {"y": {"times": [0.0], "values": [0.0]}}},
+    ]
+    scene = Scene.from_resolved({key: value for key, value in changed.items() if value is not None})
+    result = simulate(build_case(scene, nodes_of(scene)))
+    # What goes in on the hole comes out on the edge, of either the whole amount; the solver's tolerance is 1e-9.
+    pushed, held = (float(result[f"reaction_{name}_y"][-1]) for name in ("bore", "top"))
+    assert pushed == pytest.approx(-held, rel=1e-6)
+    # Twice the work of the part: half of the force on the whole hole times its displacement.
+    assert float(result["external_work"][-1]) == pytest.approx(0.5 * pushed * 1e-6, rel=1e-6)
 
 
 def test_the_force_on_an_edge_that_meets_a_mirror_line_is_that_of_the_whole_edge():
