@@ -15,6 +15,7 @@ from scipy.sparse.linalg import splu
 from pdhe.errors import SimulationError
 from pdhe.kernels.vectors import dot
 from pdhe.materials import Body
+from pdhe.mirrors import Images
 
 #: Bonds up to this many spacings make up the coarse operator: on a square lattice, the eight nearest nodes.
 SHORT_REACH = 1.6
@@ -63,9 +64,14 @@ class Preconditioner:
         diagonal = body.diagonal()
         self.inverse_diagonal = np.where(free & (diagonal > 0.0), 1.0 / np.where(diagonal > 0.0, diagonal, 1.0), 0.0)
         starts, column, value = body.short_stiffness(0.5 * SHORT_REACH * spacing, self.free)
-        matrix = sp.bsr_matrix((value, column, starts), shape=(2 * n, 2 * n))
-        if body.bonds.images is not None:
-            matrix.sum_duplicates()
+        images = body.bonds.images
+        if images is None:
+            matrix = sp.bsr_matrix((value, column, starts), shape=(2 * n, 2 * n))
+        else:
+            # What an image's displacement does is done by that of its node.
+            matrix = sp.bsr_matrix((value, column, starts), shape=(2 * n, 2 * len(images.positions)))
+            matrix = matrix @ _continuation(images)
+            matrix.sort_indices()
         del starts, column, value
         centred = coordinates - coordinates.mean(axis=0)
         modes = np.zeros((n, 2, 3))
@@ -122,6 +128,16 @@ def coarse_inverse(matrix: sp.spmatrix, modes: np.ndarray) -> Callable[[np.ndarr
             improve_candidates=None, presmoother=before, postsmoother=after, max_coarse=1000, coarse_solver="splu",
         )  # fmt: skip
     return partial(_cycle, hierarchy)
+
+
+def _continuation(images: Images) -> sp.bsr_matrix:
+    """Displacements of nodes to those of nodes and images, in blocks of 2 by 2."""
+    n, count = images.nodes, len(images.positions)
+    value = np.zeros((count, 2, 2))
+    value[:n] = np.eye(2)
+    value[n:, [0, 1], [0, 1]] = images.sign
+    nodes = images.fold(np.arange(count, dtype=np.int32))
+    return sp.bsr_matrix((value, nodes, np.arange(count + 1, dtype=np.int32)), shape=(2 * count, 2 * n))
 
 
 def _cycle(hierarchy: Any, b: np.ndarray, level: int = 0) -> np.ndarray:

@@ -249,8 +249,8 @@ class Body(ABC):
         Returns
         -------
         starts, column, value
-            Blocks of 2 by 2 in compressed rows: int32 (n + 1,), int32 (k,) ascending within a row, and (k, 2, 2). With
-            images, columns are not in order and may repeat.
+            Blocks of 2 by 2 in compressed rows: int32 (n + 1,), int32 (k,) ascending within a row, and (k, 2, 2).
+            Columns beyond n are of images.
         """
         b, n = self.bonds, self.bonds.node_count
         if b.images is not None:
@@ -270,10 +270,6 @@ class Body(ABC):
             diagonal = value[own, axis, axis]
             typical = float(diagonal.max(initial=0.0)) or 1.0
             value[own, axis, axis] = np.where(diagonal > 1e-9 * typical, diagonal, typical)
-        if b.images is not None:
-            image = np.flatnonzero(column >= n)
-            value[image] *= b.images.sign[column[image] - n][:, None, :]
-            column = b.images.fold(column)
         return starts, column, value
 
     def bond_loads(self, u: np.ndarray, by_energy: bool) -> np.ndarray:

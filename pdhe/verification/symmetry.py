@@ -41,7 +41,8 @@ mirror line or across it, and with a quarter of a hole.
 *Runs.* An elastic plate, a dry one that is torn apart, and plates that hydrogen cracks: the notched plate of the
 thesis as a half whose mirror line the crack runs along, and a plate with a crack in its middle as a quarter.
 Equilibria are found to 1e-9. The same bonds break in the same rounds; times, displacements, coverages, energies and
-forces differ by about that much. Energies, contents and counts of the history are those of the whole body.
+forces differ by about that much, unless a difference in the tenth digit lets diffusion choose another length of a
+step. Energies, contents and counts of the history are those of the whole body.
 
 *Work.* A half has half of the bonds, but for those across the mirror line, and takes as many sweeps and iterations."""
 
@@ -330,8 +331,10 @@ def run(operator_spacing: float = 2.5e-3, spacing: float = 2.5e-3) -> Report:
                   (item.part, item.whole)]  # fmt: skip
         rows.append(Row(f"{name}: broken bonds", broken[1], broken[0], kind="absolute", reason="the same ones"))
         for what, error in item.differences().items():
-            why = f"equilibria are found to {TOLERANCE:g}; see the text"
-            rows.append(Row(f"{name}: {what}", 1e-6, error, kind="at most", reason=why))
+            why = f"equilibria are found to {TOLERANCE:g}; measured up to 2e-9"
+            if wet := "coverage" in item.part:
+                why = "1e-4 a step is allowed to diffusion; measured 1e-9 on lattices, 1.3e-5 with other steps"
+            rows.append(Row(f"{name}: {what}", 5e-5 if wet else 1e-7, error, kind="at most", reason=why))
         copies = item.pair.symmetry.copies
         work = item.work(item.part, item.pair.part) / item.work(item.whole, item.pair.whole)
         memory = bond_bytes(item.pair.part) / bond_bytes(item.pair.whole)

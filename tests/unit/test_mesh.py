@@ -17,6 +17,7 @@ def geometry(width=0.04, height=0.02, holes=(), cracks=()):
         thickness=0.004,
         holes=tuple(SimpleNamespace(name=n, centre=c, radius=r) for n, c, r in holes),
         cracks=tuple(SimpleNamespace(name=n, start=a, end=b) for n, a, b in cracks),
+        symmetry=None,
     )
 
 

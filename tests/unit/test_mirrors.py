@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 from pdhe.benchmarks.problems import lattice_nodes
 from pdhe.case import build_case
@@ -19,6 +20,7 @@ from pdhe.post import crack_path, facets_of, summary
 from pdhe.results import open_result, write_dataset
 from pdhe.scene import Scene, load_scene
 from pdhe.simulation import simulate, solve_case
+from pdhe.solvers import _continuation
 from pdhe.verification.slabs import nodes_of
 from pdhe.verification.symmetry import operator_errors, pair_of, part_scene
 from pdhe.whole import whole_result
@@ -166,6 +168,23 @@ def test_a_quarter_mirrored_at_its_upper_right_corner():
         errors = operator_errors(pair_of(part_scene(*corner, cells=cells)))
         # Round-off; measured 5e-15.
         assert max(errors.values()) < 1e-12, errors
+
+
+def test_the_coarse_stiffness_of_a_part_is_that_of_the_whole_body():
+    pair = pair_of(part_scene((0.06, 0.05), ("left", "bottom"), ((0.0, 0.0), (0.02, 0.0)), 5e-3, 1e4, cells="triangle"))
+    images, forces = pair.part.bonds.images, []
+    u = np.random.default_rng(0).standard_normal((images.nodes, 2))
+    for case, field in ((pair.part, u), (pair.whole, pair.continued(u, vectors=True))):
+        n, d = len(field), case.discretization
+        starts, column, value = case.body.short_stiffness(0.8 * d.spacing, np.ones((n, 2)))
+        columns = n if case.bonds.images is None else len(images.positions)
+        matrix = sp.bsr_matrix((value, column, starts), shape=(2 * n, 2 * columns))
+        if case.bonds.images is not None:
+            matrix = matrix @ _continuation(images)
+            assert abs(matrix - matrix.T).max() < 1e-15 * abs(matrix).max()
+        forces.append((matrix @ field.ravel()).reshape(n, 2))
+    # Round-off; measured 3e-15.
+    np.testing.assert_allclose(pair.continued(forces[0], True), forces[1], atol=1e-13 * np.abs(forces[1]).max())
 
 
 @pytest.mark.parametrize("model", MODELS)
