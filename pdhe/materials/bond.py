@@ -129,35 +129,45 @@ class BondBody(Body):
 
     @property
     def columns(self) -> bool:
-        """True on a lattice, where all bonds are between nodes."""
-        return self.bonds.lattice is not None and self.bonds.images is None
+        """True on a lattice."""
+        return self.bonds.lattice is not None
 
     def force_and_ratios(
         self, u: np.ndarray, by_energy: bool, weakness: np.ndarray, out: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """See :meth:`Body.force_and_ratios`: here in one go over the bonds, unless some are with images."""
-        if self.bonds.images is not None:
-            return super().force_and_ratios(u, by_energy, weakness, out)
-        b, square = self.bonds, np.empty(self.bonds.node_count)
-        constants = self.share, self.normal, self.tangential
+        """See :meth:`Body.force_and_ratios`: here in one go over the bonds."""
+        b, images = self.bonds, self.bonds.images
+        constants = self.normal, self.tangential
         if b.lattice is not None:
-            grid, weight = b.lattice, self._by_offset
-            ux, uy = np.ascontiguousarray(u[:, 0]), np.ascontiguousarray(u[:, 1])
-            theta, turning = np.empty((2, ux.size))
-            split = out if out.flags.f_contiguous else np.empty((ux.size, 2), order="F")
-            vectors = grid.step, grid.dx, grid.dy, weight
-            lattice.node_rotation(*vectors, self.inverse, self.share, ux, uy, theta, turning)
-            verlet.lattice_force(
-                *vectors, *constants, ux, uy, theta, by_energy, weakness, split[:, 0], split[:, 1], square
-            )
-            if split is not out:
-                out[:] = split
-            return square, theta
-        spin = self._rotate(u)
+            return self._lattice_force_and_ratios(u, by_energy, weakness, out)
+        square, spin = np.empty(b.node_count), self._rotate(u)
         verlet.gather_force(
-            b.offsets, b.neighbours, self.coordinates, self.cubed, *constants, u, spin, by_energy, weakness, out, square
-        )
+            b.offsets, b.neighbours, self._x, self.cubed, self._share, *constants, self._with_images(u), spin,
+            by_energy, weakness if images is None else images.extend(weakness), out, square,
+        )  # fmt: skip
         return square, spin[:, 0]
+
+    def _lattice_force_and_ratios(
+        self, u: np.ndarray, by_energy: bool, weakness: np.ndarray, out: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        grid, padding, images = self.bonds.lattice, self._padding, self.bonds.images
+        ux, uy = self._on_grid(u)
+        theta, parts = self._lattice_rotation(ux, uy)[0], None
+        if padding is not None:
+            theta[padding.place[images.nodes :]] = images.turn * theta[padding.place[images.source]]
+            parts, weakness = theta[padding.place], padding.spread(weakness, weakness[images.source])
+        split = out if out.flags.f_contiguous and padding is None else np.empty((ux.size, 2), order="F")
+        square = np.empty(ux.size)
+        verlet.lattice_force(
+            grid.step, grid.dx, grid.dy, self._by_offset, self._grid_share, self.normal, self.tangential, ux, uy, theta,
+            by_energy, weakness, split[:, 0], split[:, 1], square,
+        )  # fmt: skip
+        if padding is not None:
+            out[:, 0], out[:, 1] = padding.gather(split[:, 0]), padding.gather(split[:, 1])
+            return padding.gather(square), parts
+        if split is not out:
+            out[:] = split
+        return square, theta
 
     def energy(self, u: np.ndarray) -> np.ndarray:
         """Elastic energy of each node, J (n,): half of that of its bonds (theory, eq. 2.1)."""

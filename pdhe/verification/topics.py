@@ -22,6 +22,8 @@ TOPICS: dict[str, str] = {
     "toughness": "pdhe.verification.toughness",
     "graded": "pdhe.verification.graded",
     "symmetry": "pdhe.verification.symmetry",
+    "waves": "pdhe.verification.waves",
+    "verlet": "pdhe.verification.verlet",
     "external_mechanics": "pdhe.verification.external_mechanics",
     "diffusion_slab": "pdhe.verification.diffusion_slab",
     "diffusion_operator": "pdhe.verification.diffusion_operator",
