@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from pdhe.discretization import Discretization
 from pdhe.dynamics import Traction, Verlet
 from pdhe.embrittlement import LAWS, resistance
 from pdhe.errors import SceneError
-from pdhe.materials import MODELS, Body, make_body
+from pdhe.materials import MODELS, Body, Model, make_body
 from pdhe.mirrors import EDGE_AXIS, Symmetry
 from pdhe.relaxation import DynamicRelaxation
 from pdhe.scene import Scene
@@ -87,10 +87,7 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
     d = _with_regions(scene, discretization)
     _require_node_sets(scene, d)
     partial = partial_volume_rule(scene, d)
-    material = scene.material
-    model = MODELS[scene.mechanics.model](
-        material.youngs_modulus, material.poissons_ratio, d.thickness, scene.horizon_length, scene.mechanics.plane
-    )
+    model = _model(scene, d.thickness)
     symmetry = Symmetry.of(scene.geometry)
     if symmetry is not None and scene.loads is not None and not model.body.sees_images:
         raise SceneError(
@@ -123,6 +120,7 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
             _reaction_factors(scene, symmetry),
         )
         body = make_body(bonds, model, d.coordinates, d.volume, PRECISIONS[scene.solver.precision])
+        _require_support(scene, body)
         if body.can_be_indefinite:
             _require_positive_stiffness(scene, body, ~conditions.fixed)
         if scene.stepping.mode == "dynamic":
@@ -160,6 +158,24 @@ def _reaction_factors(scene: Scene, symmetry: Symmetry | None) -> dict[tuple[str
         for component in (0, 1):
             factors[name, component] = float(np.prod([0.0 if axis == component else 2.0 for axis in met]))
     return factors
+
+
+def _model(scene: Scene, thickness: float) -> Model:
+    """The elastic model, with those settings of the block ``mechanics`` that it knows."""
+    kind, material, mechanics = MODELS[scene.mechanics.model], scene.material, scene.mechanics
+    options = {field.name: getattr(mechanics, field.name) for field in fields(kind) if hasattr(mechanics, field.name)}
+    return kind(material.youngs_modulus, material.poissons_ratio, thickness, scene.horizon_length, **options)
+
+
+def _require_support(scene: Scene, body: Body) -> None:
+    nodes = body.unsupported()
+    if nodes.size:
+        x, y = body.coordinates[nodes[0]]
+        raise SceneError(
+            "scene", "mechanics.model", scene.mechanics.model,
+            f"needs bonds in more than one direction, but those of {nodes.size} nodes lie in a row, the first at "
+            f"({x:g}, {y:g}) m", "use a finer mesh or another model",
+        )  # fmt: skip
 
 
 def _require_positive_stiffness(scene: Scene, body: Body, free: np.ndarray) -> None:

@@ -22,7 +22,7 @@ MAX_OUTPUTS = 10_000
 """Most output times of one run."""
 EMBRITTLEMENT_LAWS = ("serebrinsky",)
 """Names of the laws by which hydrogen lowers the fracture resistance."""
-MODELS = ("condensed rotation", "thesis spring", "one-parameter", "state-based")
+MODELS = ("condensed rotation", "thesis spring", "one-parameter", "state-based", "correspondence")
 """Names of the elastic models."""
 FIDELITIES = ("draft", "standard", "fine", "reference")
 """Names of the sets of settings that a scene may leave to the program, from cheap to accurate."""
@@ -219,11 +219,14 @@ class Material(Block):
 class Mechanics(Block):
     """The elastic model, its weights and the treatment of cells that the horizon cuts.
 
-    ``plane`` says what vanishes across the plate: stress or strain.
+    ``plane`` says what vanishes across the plate: stress or strain. ``zero_energy`` and its strength are for the model
+    ``correspondence``: what resists displacements that its gradient does not see.
     """
 
     model: Annotated[str, choice(*MODELS)] = "condensed rotation"
     plane: Annotated[str, choice("stress", "strain")] = "stress"
+    zero_energy: Annotated[str, choice("wan", "silling")] = "wan"
+    zero_energy_strength: fields.Strength = 1.0
     weights: Annotated[str, choice("moment matched", "volume", "energy", "none")] = "moment matched"
     partial_volume: Annotated[str, choice("auto", "full", "ramp", "thesis")] = "auto"
 

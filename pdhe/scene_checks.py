@@ -297,6 +297,11 @@ def _check_material(scene: "Scene") -> None:
     if model == "thesis spring" and nu > natural + 1e-9:
         text = f"is above {name}, where the tangential springs are negative and a rotation releases energy (indefinite)"
         raise problem(text, "use `mechanics: {model: condensed rotation}`", key)
+    for setting in ("zero_energy", "zero_energy_strength"):
+        given = getattr(scene.mechanics, setting)
+        if model != "correspondence" and given != type(scene.mechanics).model_fields[setting].default:
+            text = f"belongs to model `correspondence`, not to `{model}`"
+            raise problem(text, "leave it out, or change `mechanics.model`", f"mechanics.{setting}")
     if model not in BOND_MODELS and scene.mechanics.weights == "energy":
         text = f"makes up for what two-parameter bonds lack, not model `{model}`"
         raise problem(text, "use `moment matched`", "mechanics.weights")

@@ -138,6 +138,7 @@ Accuracy = Annotated[float, _ratio(lambda x: 1e-4 <= x <= 0.5, "between 0.01 % a
 HorizonRatio = Annotated[float, _ratio(lambda x: x > 0.0, "greater than zero")]
 PoissonsRatio = Annotated[float, _ratio(lambda x: -1.0 < x < 0.5, "greater than -1 and less than 0.5")]
 Grouping = Annotated[float, _ratio(lambda x: 0.0 <= x < 1.0, "at least 0 and less than 1")]
+Strength = Annotated[float, _ratio(lambda x: 0.01 <= x <= 100.0, "between 0.01 and 100")]
 Growth = Annotated[float, _ratio(lambda x: 0.0 < x <= 0.5, "greater than 0 and at most 0.5")]
 Tolerance = Annotated[float, _ratio(lambda x: 1e-14 <= x <= 0.1, "between 1e-14 and 0.1")]
 SmallCount = Annotated[int, _count(10_000)]

@@ -7,6 +7,7 @@ import numpy as np
 from pdhe.bonds import Bonds
 from pdhe.materials.body import Body, Measure, Model
 from pdhe.materials.bond import BondBody, CondensedRotation, OneParameter, ThesisSpring
+from pdhe.materials.correspondence import Correspondence, CorrespondenceBody
 from pdhe.materials.state_based import StateBased, StateBasedBody
 
 __all__ = [
@@ -14,6 +15,8 @@ __all__ = [
     "Body",
     "BondBody",
     "CondensedRotation",
+    "Correspondence",
+    "CorrespondenceBody",
     "Measure",
     "Model",
     "OneParameter",
@@ -29,6 +32,7 @@ MODELS: dict[str, type[Model]] = {
     "thesis spring": ThesisSpring,
     "one-parameter": OneParameter,
     "state-based": StateBased,
+    "correspondence": Correspondence,
 }
 
 

@@ -126,6 +126,10 @@ class Body(ABC):
         """Whether some deformation might release energy, with these constants."""
         return False
 
+    def unsupported(self) -> np.ndarray:
+        """Nodes with bonds that this model can make nothing of, (k,)."""
+        return np.zeros(0, np.int64)
+
     @abstractmethod
     def force(self, u: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Internal force on each node, N (n, dim): minus the derivative of the energy."""

@@ -237,6 +237,12 @@ BAD = {
         "which is 1/3 in plane stress",
         "give 0.3333",
     ),
+    "zero-energy control of another model": (
+        {"mechanics": {"zero_energy": "silling"}},
+        "mechanics.zero_energy",
+        "belongs to model `correspondence`",
+        "leave it out",
+    ),
     "correction made for other models": (
         {"mechanics": {"model": "state-based", "weights": "energy"}},
         "mechanics.weights",

@@ -1,0 +1,237 @@
+"""Correspondence: stresses of classical laws, from a nonlocal deformation gradient (theory, eqs. 2.14 to 2.20)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdhe.bonds import Bonds
+from pdhe.kernels import correspondence as kernels
+from pdhe.kernels.jit import as_float
+from pdhe.materials import constants
+from pdhe.materials.body import Body, Measure, Model
+
+#: Least over largest principal value of a shape tensor below which a family counts as a row: it has no gradient.
+#: Half discs have 1, quarter discs 0.2; two bonds at an angle of 11 degrees have 0.01.
+ROW = 0.01
+
+
+def silling_control(model: Correspondence, stiffness: np.ndarray, inverse: np.ndarray) -> np.ndarray:
+    """Zero-energy control by Silling (2017): the same resistance in all directions (theory, eq. 2.19)."""
+    control = np.zeros_like(inverse)
+    control[:, 0] = control[:, 2] = 0.5 * model.normal
+    return control
+
+
+def wan_control(model: Correspondence, stiffness: np.ndarray, inverse: np.ndarray) -> np.ndarray:
+    """Zero-energy control by Wan et al. (2019): the stiffness on the inverse shape tensor (theory, eq. 2.18).
+
+    Not positive for auxetic materials at nodes with few bonds: what is negative is left out.
+    """
+    a, b, c = inverse.T
+    xxxx, xxyy, xxxy, yyyy, yyxy, xyxy = stiffness.T
+    xx = xxxx * a + xxyy * c + 2.0 * xxxy * b
+    yy = xxyy * a + yyyy * c + 2.0 * yyxy * b
+    xy = xxxy * a + yyxy * c + 2.0 * xyxy * b
+    mean, spread = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    low, high = np.maximum(mean - spread, 0.0), np.maximum(mean + spread, 0.0)
+    share = np.divide(0.5 * (high - low), spread, out=np.ones_like(spread), where=spread > 0.0)
+    middle = 0.5 * (high + low)
+    return np.column_stack([middle + share * 0.5 * (xx - yy), share * xy, middle - share * 0.5 * (xx - yy)])
+
+
+#: Zero-energy controls by the name that scenes use.
+CONTROLS = {"wan": wan_control, "silling": silling_control}
+
+
+class CorrespondenceBody(Body):
+    """Nodes with a displacement gradient and a stress; bonds carry what the stresses of their ends amount to.
+
+    Broken bonds leave the shape tensor, so that the gradient of an affine displacement stays exact. A node whose bonds
+    have come to lie in a row has no gradient any more and only holds on to the states of its neighbours.
+    """
+
+    def __init__(
+        self,
+        bonds: Bonds,
+        model: Correspondence,
+        coordinates: np.ndarray,
+        volume: np.ndarray,
+        precision: type = np.float64,
+    ) -> None:
+        super().__init__(bonds, model, coordinates, volume, precision)
+        n = bonds.node_count
+        self.stiffness = as_float(model.stiffness())
+        self._tensor, self.inverse, self.control = np.empty((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
+        self._refresh(np.arange(n, dtype=np.int32))
+
+    def _refresh(self, nodes: np.ndarray) -> None:
+        b = self.bonds
+        kernels.shape(nodes, b.offsets, b.neighbours, self.coordinates, self.cubed, self._tensor)
+        xx, xy, yy = self._tensor[nodes].T
+        middle, spread = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+        full = (middle > 0.0) & (middle - spread >= ROW * (middle + spread))
+        scale = np.where(full, self.volume[nodes] / np.where(full, xx * yy - xy * xy, 1.0), 0.0)
+        self.inverse[nodes] = scale[:, None] * np.column_stack([yy, -xy, xx])
+        stiffness = self.stiffness if len(self.stiffness) == 1 else self.stiffness[nodes]
+        found = CONTROLS[self.model.zero_energy](self.model, stiffness, self.inverse[nodes])
+        self.control[nodes] = np.where(full, self.model.zero_energy_strength, 0.0)[:, None] * found
+
+    def _without(self, both: np.ndarray, nodes: np.ndarray) -> None:
+        self._refresh(nodes)
+
+    def unsupported(self) -> np.ndarray:
+        """Nodes whose bonds lie in a row, (k,)."""
+        return np.flatnonzero(
+            (self.inverse[:, 0] + self.inverse[:, 2] == 0.0) & (self._tensor[:, ::2].sum(axis=1) > 0.0)
+        )
+
+    def displacement_gradient(self, u: np.ndarray) -> np.ndarray:
+        """Displacement gradient of each node, (n, 2, 2), the displacement first: exact where ``u`` is affine."""
+        return self._gradient(as_float(u)).reshape(-1, 2, 2)
+
+    def _gradient(self, u: np.ndarray) -> np.ndarray:
+        b, out = self.bonds, np.empty((self.bonds.node_count, 4))
+        kernels.displacement_gradient(
+            b.offsets, b.neighbours, self.coordinates, self.cubed, self.volume, self.inverse, u, out
+        )
+        return out
+
+    def _stress(self, gradient: np.ndarray) -> np.ndarray:
+        """First Piola-Kirchhoff stress of each node, Pa (n, 4): here that of small strains."""
+        out = np.empty_like(gradient)
+        kernels.linear_stress(self.stiffness, gradient, out)
+        return out
+
+    def stress(self, u: np.ndarray) -> np.ndarray:
+        """Stress of each node, Pa (n, 2, 2)."""
+        return self._stress(self._gradient(as_float(u))).reshape(-1, 2, 2)
+
+    def _state(self, gradient: np.ndarray) -> np.ndarray:
+        out = np.empty_like(gradient)
+        kernels.node_state(self.inverse, self.control, gradient, self._stress(gradient), out)
+        return out
+
+    def force(self, u: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """Internal force on each node, N (n, 2): minus the derivative of the energy (theory, eq. 2.17)."""
+        b, out = self.bonds, np.empty_like(u) if out is None else out
+        state = self._state(self._gradient(u))
+        kernels.internal_force(
+            b.offsets, b.neighbours, self.coordinates, self.cubed, self.control, state, u, out
+        )  # fmt: skip
+        return out
+
+    def energy(self, u: np.ndarray) -> np.ndarray:
+        """Elastic energy of each node, J (n,) (theory, eq. 2.16)."""
+        b, u, out = self.bonds, as_float(u), np.empty(self.bonds.node_count)
+        gradient = self._gradient(u)
+        kernels.elastic_energy(
+            b.offsets, b.neighbours, self.coordinates, self.cubed, self.volume, self.control, gradient,
+            self._stress(gradient), u, out,
+        )  # fmt: skip
+        return out
+
+    def diagonal(self) -> np.ndarray:
+        """Diagonal of the stiffness with all gradients held, N/m (n, 2): what short waves feel."""
+        b, out = self.bonds, np.empty_like(self.coordinates)
+        kernels.control_diagonal(b.offsets, b.neighbours, self.coordinates, self.cubed, self.control, out)
+        return out
+
+    def stiffness_rows(self) -> np.ndarray:
+        """Gershgorin's bound for springs between nodes that have at least the energy of this body, N/m (n, 2).
+
+        A displacement of the family splits into an affine part and a rest, orthogonal in the sums; the former has at
+        most the largest stiffness times its gradient squared, which the least value of the shape tensor bounds.
+        """
+        stiffest = np.linalg.eigvalsh(_mandel(self.stiffness))[:, -1]
+        largest = 0.5 * (self.inverse[:, 0] + self.inverse[:, 2]) + np.hypot(
+            0.5 * (self.inverse[:, 0] - self.inverse[:, 2]), self.inverse[:, 1]
+        )
+        held = 0.5 * (self.control[:, 0] + self.control[:, 2]) + np.hypot(
+            0.5 * (self.control[:, 0] - self.control[:, 2]), self.control[:, 1]
+        )
+        bound = np.maximum(stiffest * largest, held)
+        b, out = self.bonds, np.empty_like(self.coordinates)
+        spring = np.column_stack([bound, np.zeros_like(bound), bound])
+        kernels.control_diagonal(b.offsets, b.neighbours, self.coordinates, self.cubed, spring, out)
+        return 2.0 * out
+
+    def node_parts(self, u: np.ndarray) -> np.ndarray:
+        """What each node adds to the forces of its bonds, N/m^6, and its rotation, rad (n, 5)."""
+        gradient = self._gradient(u)
+        return np.column_stack([self._state(gradient), 0.5 * (gradient[:, 2] - gradient[:, 1])])
+
+    def bond_parts(
+        self, u: np.ndarray, bond: np.ndarray, owner: np.ndarray, nodes: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Stretch of some directed bonds, and four more parts for either end, (9, k).
+
+        These are its share of the force over the weight, N/m^6, and the relative displacement over the length without
+        the rotation of that end.
+        """
+        nodes, other = self.node_parts(u) if nodes is None else nodes, self.bonds.neighbours[bond]
+        length = self.bonds.length[bond]
+        dx, dy = ((self.coordinates[other] - self.coordinates[owner]) / length[:, None]).T
+        ex, ey = ((u[other] - u[owner]) / length[:, None]).T
+        parts = [dx * ex + dy * ey]
+        for end in (owner, other):
+            (xx, xy, yx, yy, turn), (pxx, pxy, pyy) = nodes[end].T, self.control[end].T
+            parts += [
+                xx * dx + xy * dy + pxx * ex + pxy * ey,
+                yx * dx + yy * dy + pxy * ex + pyy * ey,
+                ex + turn * dy,
+                ey - turn * dx,
+            ]
+        return np.stack(parts)
+
+    def measure(self, bond: np.ndarray, owner: np.ndarray) -> Measure:
+        """Half the work of the forces of a bond on its elongation, as either end sees it (theory, eq. 2.20)."""
+        normal = self.normal
+
+        def square(parts: np.ndarray) -> np.ndarray:
+            _, fx, fy, ex, ey, gx, gy, dx, dy = parts
+            return (fx * ex + fy * ey + gx * dx + gy * dy) / normal
+
+        return Measure(normal * self.bonds.weight[bond] * self.bonds.length[bond], square)
+
+    def largest_ratios(
+        self, u: np.ndarray, by_energy: bool, breakable: np.ndarray, resistance: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """As for any body, without writing anything per bond."""
+        b, top, nodes = self.bonds, np.empty(self.bonds.node_count), self.node_parts(u)
+        kernels.largest_ratio(
+            b.offsets, b.neighbours, self.coordinates, self.control, np.ascontiguousarray(nodes[:, :4]),
+            np.ascontiguousarray(nodes[:, 4]), self.normal, by_energy, u, breakable, resistance, top,
+        )  # fmt: skip
+        return top, nodes
+
+
+def _mandel(stiffness: np.ndarray) -> np.ndarray:
+    """Stiffness as symmetric matrices (k, 3, 3) whose eigenvalues are those of the tensor."""
+    xxxx, xxyy, xxxy, yyyy, yyxy, xyxy = stiffness.T
+    root = np.sqrt(2.0)
+    rows = [[xxxx, xxyy, root * xxxy], [xxyy, yyyy, root * yyxy], [root * xxxy, root * yyxy, 2.0 * xyxy]]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+@dataclass(frozen=True)
+class Correspondence(Model):
+    """Non-ordinary state-based model of a classical stress (Silling et al. 2007) under small strains.
+
+    Attributes
+    ----------
+    zero_energy
+        Which of :data:`CONTROLS` resists displacements that no gradient sees.
+    zero_energy_strength
+        Factor on that.
+    """
+
+    body = CorrespondenceBody
+    zero_energy: str = "wan"
+    zero_energy_strength: float = 1.0
+
+    def stiffness(self) -> np.ndarray:
+        """Entries xx-xx, xx-yy, xx-xy, yy-yy, yy-xy, xy-xy of the stiffness, Pa (1, 6)."""
+        tensor = constants.stiffness_tensor(self.youngs_modulus, self.poissons_ratio, self.plane)
+        return tensor[np.triu_indices(3)][None, :]
