@@ -21,6 +21,8 @@ class StateBasedBody(Body):
     bond of a node would be as stiff as its whole family was.
     """
 
+    sees_images = True
+
     def __init__(
         self,
         bonds: Bonds,
@@ -36,15 +38,20 @@ class StateBasedBody(Body):
         self.swell = size * bulk - (size + 2.0) * shear
         weighted = bonds.sum_by_node(bonds.weight * bonds.length)
         some = weighted > 0.0
-        #: One over the weighted volume, 1/m^4.
-        self.spread = np.where(some, volume, 0.0) / np.where(some, weighted, 1.0)
+        #: One over the weighted volume, 1/m^4; behind those of the nodes, those of images.
+        self.spread = self._beyond(np.where(some, volume, 0.0) / np.where(some, weighted, 1.0))
+
+    def _beyond(self, values: np.ndarray) -> np.ndarray:
+        """Node values that are the same at images, with theirs behind them."""
+        return values if self.bonds.images is None else self.bonds.images.extend(values)
 
     def dilatation(self, u: np.ndarray) -> np.ndarray:
         """Dilatation of each node, (n,): in a plate that of its plane (theory, eq. 2.10)."""
         b, theta = self.bonds, np.empty(self.bonds.node_count)
         state_based.dilatation(
-            b.offsets, b.neighbours, self.coordinates, self.cubed, self.volume, self.spread, as_float(u), theta
-        )
+            b.offsets, b.neighbours, self._x, self.cubed, self.volume, self.spread,
+            self._with_images(as_float(u)), theta,
+        )  # fmt: skip
         theta *= self.model.dimensions
         return theta
 
@@ -52,8 +59,9 @@ class StateBasedBody(Body):
         """Internal force on each node, N (n, dim): minus the derivative of the energy (theory, eq. 2.12)."""
         b, out = self.bonds, np.empty_like(u) if out is None else out
         state_based.internal_force(
-            b.offsets, b.neighbours, self.coordinates, self.cubed, self.spread, self.node_parts(u), self.along, u, out
-        )
+            b.offsets, b.neighbours, self._x, self.cubed, self.spread, self.node_parts(u), self.along,
+            self._with_images(u), out,
+        )  # fmt: skip
         return out
 
     def energy(self, u: np.ndarray) -> np.ndarray:
@@ -61,15 +69,15 @@ class StateBasedBody(Body):
         b, out = self.bonds, np.empty(self.bonds.node_count)
         volumetric = self.swell / self.model.dimensions
         state_based.elastic_energy(
-            b.offsets, b.neighbours, self.coordinates, self.cubed, self.volume, self.spread, self.dilatation(u),
-            volumetric, self.along, as_float(u), out,
+            b.offsets, b.neighbours, self._x, self.cubed, self.volume, self.spread, self.dilatation(u),
+            volumetric, self.along, self._with_images(as_float(u)), out,
         )  # fmt: skip
         return out
 
     def diagonal(self) -> np.ndarray:
         """Diagonal of the stiffness of bonds with the same energy in an isotropic extension, N/m (n, dim)."""
         b, out = self.bonds, np.empty_like(self.coordinates)
-        mechanics.stiffness_diagonal(b.offsets, b.neighbours, self.coordinates, self.cubed, self.normal, 0.0, out)
+        mechanics.stiffness_diagonal(b.offsets, b.neighbours, self._x, self.cubed, self.normal, 0.0, out)
         return out
 
     def stiffness_rows(self) -> np.ndarray:
@@ -79,19 +87,19 @@ class StateBasedBody(Body):
         """
         b, out = self.bonds, np.empty_like(self.coordinates)
         bound = max(self.along, self.along + self.swell * self.model.dimensions)
-        state_based.stiffness_rows(b.offsets, b.neighbours, self.coordinates, self.cubed, self.spread, bound, out)
+        state_based.stiffness_rows(b.offsets, b.neighbours, self._x, self.cubed, self.spread, bound, out)
         return out
 
     def node_parts(self, u: np.ndarray) -> np.ndarray:
-        """What the dilatation of each node adds to the forces of its bonds, N/m^6 (n,)."""
-        return self.swell * self.spread * self.dilatation(u)
+        """What the dilatation of each node, and of images behind them, adds to the forces of its bonds, N/m^6 (n,)."""
+        return self.swell * self.spread * self._beyond(self.dilatation(u))
 
     def bond_parts(
         self, u: np.ndarray, bond: np.ndarray, owner: np.ndarray, nodes: np.ndarray | None = None
     ) -> np.ndarray:
         """Stretch of some directed bonds, and their force over their weight in N/m^6, (2, k)."""
         pressure, other = self.node_parts(u) if nodes is None else nodes, self.bonds.neighbours[bond]
-        vector = self.coordinates[other] - self.coordinates[owner]
+        vector, u = self._x[other] - self._x[owner], self._with_images(u)
         stretch = np.sum(vector * (u[other] - u[owner]), axis=1) / self.bonds.length[bond] ** 2
         force = pressure[owner] + pressure[other] + self.along * (self.spread[owner] + self.spread[other]) * stretch
         return np.stack([stretch, force])
@@ -111,8 +119,8 @@ class StateBasedBody(Body):
         """As for any body, without writing anything per bond."""
         b, top, pressure = self.bonds, np.empty(self.bonds.node_count), self.node_parts(u)
         state_based.largest_ratio(
-            b.offsets, b.neighbours, self.coordinates, self.spread, pressure, self.along, self.normal, by_energy, u,
-            breakable, resistance, top,
+            b.offsets, b.neighbours, self._x, self.spread, pressure, self.along, self.normal, by_energy,
+            self._with_images(u), breakable, self._beyond(resistance), top,
         )  # fmt: skip
         return top, pressure
 
