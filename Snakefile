@@ -2,7 +2,9 @@
 
     snakemake --cores 2                                             everything that config/config.yaml lists
     snakemake --cores 2 --configfile config/studies/smoke.yaml      one study
+    snakemake --cores 2 solutions                                   solutions and the tables of cases, nothing drawn
     snakemake --cores 2 figures                                     pictures and animations only
+    snakemake --profile profiles/slurm                              the same on a cluster (docs/clusters.md)
     snakemake --cores 2 verification                                every check of the verification, and its page
     snakemake --cores 2 extremes                                    extreme scenes, each right or refused, and their map
     snakemake --cores 2 benchmarks                                  how fast everything is, and its page
@@ -42,6 +44,7 @@ localrules:
     extremes,
     figures,
     results,
+    solutions,
     tradeoff,
     verification,
 
@@ -81,6 +84,12 @@ rule all:
     default_target: True
     input:
         DEFAULT or rules.results.input + [REPORT],
+
+
+rule solutions:
+    input:
+        SOLUTIONS,
+        INDEXES,
 
 
 rule figures:

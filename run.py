@@ -5,8 +5,10 @@
     python3 run.py ARGUMENTS           the same, with further arguments for Snakemake (a target, -n, --configfile ...)
     python3 run.py test [ARGUMENTS]    set up if needed, run the tests; the arguments go to pytest
     python3 run.py setup               set up only
+    python3 run.py setup slurm         set up with the plugin that hands jobs to Slurm (docs/clusters.md)
 
-The environment is the folder .venv beside this file, with the versions that requirements.lock fixes.
+The environment is the folder .venv beside this file, with the versions that requirements.lock fixes (of the plugin:
+requirements-slurm.lock).
 """
 
 import ctypes
@@ -21,8 +23,8 @@ ROOT = Path(__file__).resolve().parent
 VENV = ROOT / ".venv"
 BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
-LOCK = ROOT / "requirements.lock"
-STAMP = VENV / "pdhe-setup.txt"
+LOCK, SLURM_LOCK = ROOT / "requirements.lock", ROOT / "requirements-slurm.lock"
+STAMP, SLURM_STAMP = VENV / "pdhe-setup.txt", VENV / "pdhe-setup-slurm.txt"
 CORES = "2"
 OLDEST = (3, 11)
 
@@ -53,11 +55,16 @@ def main(arguments):
         need = ".".join(map(str, OLDEST))
         raise SystemExit(f"error: Python {need} or newer is needed; {sys.executable} is {have}")
     setup()
-    if arguments == ["setup"]:
+    if arguments == ["setup", "slurm"]:
+        setup_slurm()
+    if arguments[:1] == ["setup"]:
         return 0
     if arguments[:1] == ["test"]:
         return call([PYTHON, "-m", "pytest", *arguments[1:]])
-    return call([PYTHON, "-m", "snakemake", "--cores", CORES, *arguments])
+    status = call([PYTHON, "-m", "snakemake", "--cores", CORES, *arguments])
+    if status and any((ROOT / ".snakemake" / "locks").glob("*")):
+        say("the folder is locked by another run, or by one that was killed: then `python3 run.py --unlock`, and again")
+    return status
 
 
 def setup():
@@ -75,15 +82,29 @@ def setup():
         if not PYTHON.exists():
             shutil.rmtree(VENV, ignore_errors=True)
             check(["uv", "venv", "--quiet", "--python", sys.executable, VENV])
-        install = ["uv", "pip", "install", "--quiet", "--compile-bytecode", "--python", PYTHON]
-    else:
-        if not works([PYTHON, "-m", "pip", "--version"]):
-            make_venv()
-        install = [PYTHON, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-    check([*install, "--require-hashes", "--requirement", LOCK])
-    check([*install, *project])
+    elif not works([PYTHON, "-m", "pip", "--version"]):
+        make_venv()
+    check([*installer(), "--require-hashes", "--requirement", LOCK])
+    check([*installer(), *project])
     call([PYTHON, "-m", "compileall", "-qq", ROOT / "pdhe"])  # only saves time, so it need not succeed
     STAMP.write_text(wanted)
+
+
+def setup_slurm():
+    """Add the plugin for Slurm to the environment; what it depends on is in requirements.lock already."""
+    wanted = hashlib.sha256(SLURM_LOCK.read_bytes() + STAMP.read_bytes()).hexdigest()
+    if SLURM_STAMP.is_file() and SLURM_STAMP.read_text() == wanted:
+        return
+    say("adding the plugin for Slurm from requirements-slurm.lock")
+    check([*installer(), "--no-deps", "--require-hashes", "--requirement", SLURM_LOCK])
+    SLURM_STAMP.write_text(wanted)
+
+
+def installer():
+    """Command that installs packages into the environment: uv where there is one, otherwise pip."""
+    if works(["uv", "--version"]):
+        return ["uv", "pip", "install", "--quiet", "--compile-bytecode", "--python", PYTHON]
+    return [PYTHON, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
 
 
 def make_venv():

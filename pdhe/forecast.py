@@ -9,27 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdhe.case import Case
+from pdhe.costs import BOTH, COPIES, DIFFUSION, ITERATION, MECHANICS, MOTION, OVERHEAD, PROCESS, SEARCH, STEP
 from pdhe.errors import SceneError
 from pdhe.scene import Scene
 
-#: Bytes of a process before it has bonds (measured 2.1e8 to 2.4e8, up to 3.5e8 with other versions of the libraries),
-#: and at its peak per directed bond: diffusion alone (98 to 106), mechanics (105 to 138), both
-#: (136 to 157), measured on lattices and triangles of 2e4 and 8e4 nodes.
-PROCESS, DIFFUSION, MECHANICS, BOTH = 2.4e8, 100.0, 122.0, 145.0
-#: Copies of the fields of all outputs that exist while the result is put together and written (measured 2.4 to 3).
-COPIES = 2.7
 #: Nodes of a pilot, and by how much coarser it must be to be worth it. For the main scene (20,000 nodes) it costs one
 #: or two hundredths of the run.
 PILOT_NODES, LEAST_COARSENING = 800, 2.0
 #: Nodes of a graded mesh from which one is flown: it has a quarter of them, fewer tell nothing.
 LEAST_GRADED = 1200
-#: Time of an iteration of the equilibrium, and of the search for failures after it, in force sweeps; of a diffusion
-#: sweep inside a run, in bare ones (measured 2.8, 4 and 1.4 at 20,000 nodes).
-ITERATION, SEARCH, STEP = 2.8, 4.0, 1.4
-#: Time of a step with inertia in force sweeps, the search for failures included (measured PLACEHOLDER).
-MOTION = 1.5
-#: Seconds to start, build a preconditioner and write results, beside the sweeps.
-OVERHEAD = 1.5
 
 
 @dataclass(frozen=True)

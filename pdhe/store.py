@@ -13,12 +13,9 @@ from pdhe.errors import PdheError
 from pdhe.netcdf import read_netcdf
 from pdhe.provenance import digest, fingerprint, versions
 from pdhe.results import CHECKPOINT, INCOMPLETE
-from pdhe.study import Case, load_study
+from pdhe.study import RESERVED, Case, load_study
 from pdhe.wholefile import PART, intact
 from pdhe.yamlfile import read_yaml
-
-OTHERS = ("store", "verification", "benchmarks", "tradeoff", "extremes")
-"""Folders of results that belong to no study."""
 
 _STAGES = {"mesh": ".msh", "nodes": ".nc", "solve": ".nc"}
 
@@ -125,7 +122,7 @@ def unused(results: Path, studies: Iterable[str | Path]) -> list[Path]:
                     found.append(path)
             elif not _alive(int(part["process"])) if part else path.suffix == ending and path.stem not in kept[stage]:
                 found.append(path)
-    for folder in sorted(path for path in results.iterdir() if path.is_dir() and path.name not in OTHERS):
+    for folder in sorted(path for path in results.iterdir() if path.is_dir() and path.name not in RESERVED):
         if folder.name in names:
             inside = sorted(folder.iterdir())
             found += [path for path in inside if _of_case(path) and path.name not in names[folder.name]]

@@ -62,6 +62,9 @@ UNTOLD = ("title", "outputs.times")
 SPEC_LIMIT = 100_000
 """Longest description of a stage in bytes; it travels on a command line, where one argument may hold 128 kB."""
 
+RESERVED = ("store", "verification", "benchmarks", "tradeoff", "extremes")
+"""Folders of results that belong to no study."""
+
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._=+-]*")
 _LONGEST_NAME = 120
 
@@ -215,7 +218,7 @@ def load_study(path: str | Path, figures: Mapping[str, Any] | None = None) -> St
     study = _mapping(file, "study", content.get("study"))
     for key in study:
         _known(file, f"study.{key}", STUDY_KEYS)
-    name = _name(file, "study.name", study.get("name", Path(path).stem))
+    name = folder_name(file, "study.name", study.get("name", Path(path).stem))
     style = dict(figures or {})
     for block in (content.get("figures"), study.get("figures")):
         style.update(_mapping(file, "study.figures", block or {}))
@@ -278,7 +281,7 @@ def _named(file: str, study: Mapping[str, Any]) -> dict[str, Any]:
     if not named:
         raise SceneError(file, "study.cases", None, "names no case")
     for name in named:
-        _name(file, f"study.cases.{name}", name)
+        folder_name(file, f"study.cases.{name}", name)
     return named
 
 
@@ -352,10 +355,18 @@ def _short(name: str) -> str:
     return name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 11]}-{digest(name)}"
 
 
-def _name(file: str, key: str, name: object) -> str:
+def folder_name(file: str, key: str, name: object) -> str:
+    """Return a name that a folder of results can have: it stands in paths and on command lines.
+
+    Raises
+    ------
+    SceneError
+        For any other name, at this place of this file.
+    """
     name = str(name)
-    if not _NAME.fullmatch(name) or name == "store":
-        hint = "use letters, digits and . _ = + - , a letter or digit first" if name != "store" else "it is reserved"
+    if not _NAME.fullmatch(name) or name in RESERVED:
+        fitting = "use letters, digits and . _ = + - , a letter or digit first"
+        hint = f"{', '.join(RESERVED)} are reserved" if name in RESERVED else fitting
         raise SceneError(file, key, name, "cannot name a folder of results", hint)
     return name
 

@@ -1,18 +1,20 @@
-"""The option that adds the tests which take minutes; one thread for those that gain nothing from more."""
+"""Options that add the tests which take minutes or a cluster; one thread for those that gain nothing from more."""
 
 import pytest
 
 
 def pytest_addoption(parser):
     parser.addoption("--slow", action="store_true", help="run the tests that take minutes as well")
+    parser.addoption("--cluster", action="store_true", help="run those that set up a Slurm, and install it, as well")
 
 
 def pytest_collection_modifyitems(config, items):
-    if not config.getoption("--slow"):
-        skip = pytest.mark.skip(reason="takes minutes; add --slow")
-        for item in items:
-            if "slow" in item.keywords:
-                item.add_marker(skip)
+    for name, reason in (("slow", "takes minutes"), ("cluster", "sets up a Slurm")):
+        if not config.getoption(f"--{name}"):
+            skip = pytest.mark.skip(reason=f"{reason}; add --{name}")
+            for item in items:
+                if name in item.keywords:
+                    item.add_marker(skip)
 
 
 @pytest.fixture

@@ -76,6 +76,7 @@ def plan(arguments: argparse.Namespace) -> None:
     from pdhe.discretization import discretize
     from pdhe.forecast import make_forecast
     from pdhe.mesh import make_mesh
+    from pdhe.needs import needs_of
     from pdhe.plan import make_plan
     from pdhe.scene import load_scene
     from pdhe.simulation import fly_pilot
@@ -91,6 +92,9 @@ def plan(arguments: argparse.Namespace) -> None:
     print(make_plan(case, pilot, expected))
     seconds = expected.seconds
     print("expected time: seconds" if seconds is None else f"expected time: {seconds:.3g} s of one thread")
+    needs = needs_of(scene.resolved())
+    asked = f"{needs.threads} thread(s), {needs.mem_mb()} MB, {needs.runtime()} min"
+    print(f"on a cluster this asks for: {asked} (docs/clusters.md)")
     errors = estimate(scene)
     told = ", ".join(f"{name} {100.0 * error:.2g} %" for name, error in errors.items())
     print(f"expected error of the mesh: {told or 'not estimated (docs/tradeoff.md)'}")

@@ -12,6 +12,7 @@ from pdhe.errors import SceneError
 from pdhe.provenance import digest
 from pdhe.scene import Scene, load_scene
 from pdhe.scene_blocks import FIDELITIES
+from pdhe.study import folder_name
 from pdhe.yamlfile import read_yaml
 
 #: What may be compared, and what a reader calls it; computed in :mod:`pdhe.tradeoff.quantities`.
@@ -153,7 +154,8 @@ def load_design(path: str | Path) -> dict[str, Trade]:
     block = content.get("tradeoff") if isinstance(content, dict) else None
     if not isinstance(block, dict) or not block:
         raise SceneError(file, "tradeoff", block, "needs scenes by name", "as in config/studies/tradeoff.yaml")
-    return {name: _trade(file, name, settings) for name, settings in block.items()}
+    names = {key: folder_name(file, f"tradeoff.{key}", key) for key in block}
+    return {name: _trade(file, name, block[key]) for key, name in names.items()}
 
 
 def _trade(file: str, name: str, block: Any) -> Trade:

@@ -63,7 +63,7 @@ CASES = {
     "study code": (edit("pdhe/study.py", "SPEC_LIMIT = 100_000", "SPEC_LIMIT = 110_000"), {}),
     "log path": (edit("workflow/rules/solve.smk", "logs/solve/", "logs/solving/"), {}),
     "memory of a rule": (
-        edit("workflow/rules/solve.smk", "threads:", "resources:\n        mem_mb=9,\n    threads:"),
+        edit("workflow/rules/solve.smk", "mem_mb=solve_memory", "mem_mb=9"),
         {},
     ),
     "caption": (append("workflow/report/picture.rst", "More."), {"report": 1}),

@@ -1,5 +1,6 @@
 """The cases of the configured studies, and what the rules look up in them."""
 
+import functools
 import gc
 import json
 import os
@@ -11,6 +12,7 @@ from pathlib import Path
 from pdhe.benchmarks.registry import BENCHMARKS, configured
 from pdhe.errors import PdheError
 from pdhe.extremes.registry import EXTREMES
+from pdhe.needs import Needs, needs_of
 from pdhe.provenance import canonical, digest, fingerprint
 from pdhe.study import load_studies
 from pdhe.tradeoff.design import load_trades
@@ -68,12 +70,22 @@ REPORT = f"results/{next(iter(STUDIES))}/report.html" if "study" in config else 
 CAPTIONS = sorted(os.path.relpath(path) for path in Path(workflow.basedir, "workflow/report").glob("*.rst"))
 
 # Options with which another Snakemake sees the same workflow; the report is made by one.
-SAME_CONFIGURATION = f"--snakefile {shlex.quote(os.path.relpath(workflow.main_snakefile))}"
+SAME_CONFIGURATION = ["--snakefile", os.path.relpath(workflow.main_snakefile)]
 if workflow.config_settings.configfiles:
-    SAME_CONFIGURATION += " --configfile " + " ".join(shlex.quote(str(f)) for f in workflow.config_settings.configfiles)
+    SAME_CONFIGURATION += ["--configfile", *map(str, workflow.config_settings.configfiles)]
 if workflow.config_settings.config:
-    settings = (f"{key}={json.dumps(value)}" for key, value in workflow.config_settings.config.items())
-    SAME_CONFIGURATION += " --config " + " ".join(map(shlex.quote, settings))
+    settings = workflow.config_settings.config.items()
+    SAME_CONFIGURATION += ["--config", *(f"{key}={json.dumps(value)}" for key, value in settings)]
+
+
+onstart:
+    # Snakemake quotes these for the shell of a cluster as Python would: right unless they hold an apostrophe or a backslash.
+    if not workflow.local_exec:
+        for text in (workflow.main_snakefile, sys.executable, *(workflow.config_settings.config_args or ())):
+            if repr(str(text)) != f"'{text}'":
+                sys.exit(
+                    f"error: on a cluster a shell would read {text!r} as commands; leave out what needs quoting"
+                )
 
 
 wildcard_constraints:
@@ -116,6 +128,35 @@ def style_of(wildcards):
     return canonical(STUDIES[wildcards.study].style)
 
 
+@functools.cache
+def needs_to_solve(solve_id) -> Needs:
+    return needs_of(SOLVES[solve_id].resolved)
+
+
+@functools.cache
+def needs_to_mesh(mesh_id) -> Needs:
+    return needs_of(MESHES[mesh_id].resolved)
+
+
 def solve_threads(wildcards):
-    """An equal share of the cores for every solve; results do not depend on it."""
-    return max(1, (workflow.cores or 1) // len(SOLVES))
+    """An equal share of the cores for every solve, on a cluster as many as pay; results do not depend on it."""
+    cores = workflow.global_resources["_cores"].value
+    if workflow.remote_exec or cores is None:
+        return needs_to_solve(wildcards.solve_id).threads
+    return max(1, cores // len(SOLVES))
+
+
+def solve_memory(wildcards, attempt):
+    return needs_to_solve(wildcards.solve_id).mem_mb(attempt)
+
+
+def solve_minutes(wildcards, attempt):
+    return needs_to_solve(wildcards.solve_id).runtime(attempt)
+
+
+def mesh_memory(wildcards):
+    return needs_to_mesh(wildcards.mesh_id).mesh_mem_mb()
+
+
+def drawing_memory(wildcards):
+    return needs_to_solve(CASES[wildcards.study, wildcards.case].solve_id).drawing_mem_mb()

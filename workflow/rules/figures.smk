@@ -19,6 +19,8 @@ rule picture:
         "logs/benchmark/{study}/{case}/{kind}.png.tsv"
     conda:
         "../envs/pdhe.yaml"
+    resources:
+        mem_mb=drawing_memory,
     params:
         style=style_of,
         code=fingerprint("pdhe.plotting"),
@@ -44,6 +46,8 @@ rule animation:
         "logs/benchmark/{study}/{case}/{kind}.gif.tsv"
     conda:
         "../envs/pdhe.yaml"
+    resources:
+        mem_mb=drawing_memory,
     params:
         style=style_of,
         code=fingerprint("pdhe.plotting"),
@@ -76,6 +80,8 @@ rule history:
         "logs/benchmark/{study}/{case}/history.tsv"
     conda:
         "../envs/pdhe.yaml"
+    resources:
+        mem_mb=drawing_memory,
     params:
         code=fingerprint("pdhe.plotting", "pdhe.post"),
     shell:

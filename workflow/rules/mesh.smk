@@ -7,6 +7,8 @@ rule mesh:
         "logs/benchmark/mesh/{mesh_id}.tsv"
     conda:
         "../envs/pdhe.yaml"
+    resources:
+        mem_mb=mesh_memory,
     params:
         spec=mesh_spec,
         code=fingerprint("pdhe.mesh"),

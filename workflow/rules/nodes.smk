@@ -9,6 +9,8 @@ rule nodes:
         "logs/benchmark/nodes/{mesh_id}.tsv"
     conda:
         "../envs/pdhe.yaml"
+    resources:
+        mem_mb=mesh_memory,
     params:
         spec=mesh_spec,
         code=fingerprint("pdhe.discretization"),

@@ -19,4 +19,4 @@ rule report:
     params:
         options=SAME_CONFIGURATION,
     shell:
-        "python -m snakemake results {params.options} --nolock --report {output:q} > {log:q} 2>&1"
+        "python -m snakemake results {params.options:q} --nolock --report {output:q} > {log:q} 2>&1"

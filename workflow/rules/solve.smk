@@ -10,6 +10,9 @@ rule solve:
     conda:
         "../envs/pdhe.yaml"
     threads: solve_threads
+    resources:
+        mem_mb=solve_memory,
+        runtime=solve_minutes,
     params:
         spec=solve_spec,
         code=fingerprint("pdhe.simulation"),

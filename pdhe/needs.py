@@ -1,0 +1,174 @@
+"""What to ask a cluster for: memory, threads and time of a solve in closed form, before there is a mesh.
+
+A plan of a thousand cases has milliseconds for each, so that nothing is meshed or tried here; :mod:`pdhe.forecast` does
+that, and shares the numbers. A limit on time is no loss if it turns out too short: the next attempt goes on from the
+last checkpoint, and has twice the time.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from pdhe.costs import BOTH, COPIES, DIFFUSION, ITERATION, MECHANICS, OVERHEAD, PROCESS, SEARCH, STEP
+from pdhe.provenance import canonical
+
+#: Directed bonds a second and thread of a force sweep and a diffusion sweep, on a lattice and on other nodes: rounded
+#: down from 4.0e8 to 7.0e8, 1.4e8 to 1.8e8, 8.2e8 to 2.4e9 and 7.4e8 to 1.8e9 (docs/performance-tables.md).
+FORCE_RATE, DIFFUSION_RATE = {True: 4e8, False: 1.4e8}, {True: 1e9, False: 8e8}
+#: Iterations of an equilibrium, 8 to 16 measured, and rounds of failures for each cell that a crack can cross: 7 to 10
+#: on a lattice, 11 to 22 on triangles, where every crack that was drawn can grow.
+ITERATIONS, ROUNDS = 14.0, {True: 10.0, False: 20.0}
+#: Sweeps over the root of the number of explicit steps times that of instants at which they have to stop: without
+#: damage (measured 1.8 to 2.6), and with it (1.6 to 4.6).
+LONG = {False: 2.6, True: 5.0}
+#: Share of the explicit limit that a step takes, sweeps of a step, and sweeps that a round of failures adds.
+SAFETY, SWEEPS, AFTER_ROUND = 0.9, 2.0, 2.0
+#: Stable step with inertia over the time that sound takes for a spacing, at three spacings a horizon (1.04 and 1.09 in
+#: two scenes), and time of such a step in force sweeps, where bonds break in many of them.
+STABLE, MOVING = 0.8, 4.0
+#: Powers of the length in the weights of the kernels (:data:`pdhe.transport.KERNELS`).
+POWERS = {"constant": 0, "inverse": 1, "inverse square": 2}
+
+#: Directed bonds that are worth a thread of their own, about 50,000 nodes, and the most threads that are asked for. Two
+#: threads do 1.45 times the work of one with 100,000 nodes: each further one is taken as 0.45 of one.
+WORTH_A_THREAD, MOST_THREADS, FURTHER_THREAD = 1_400_000, 8, 0.45
+#: What a job asks for over what is expected, and besides: memory of the two Snakemakes around it (2e8 each) and of the
+#: compiler (4e8); seconds to start on a slow file system and to compile the kernels, up to 100 the first time.
+MARGIN, BESIDE, START = 1.3, 8e8, 300.0
+#: Bytes of the mesher, and of each cell in it (measured 0.8e8 and 770 between 20,000 and 220,000 triangles).
+MESHER, CELL = 1e8, 800.0
+#: Expected over measured time is 1.05 to 9, so that this is ample on a machine that is not three times slower.
+TIME_MARGIN = 3.0
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What a solve is expected to take.
+
+    Attributes
+    ----------
+    nodes
+        Their number, about.
+    fields
+        Bytes of everything that is kept for every node and output.
+    memory
+        Peak of the process, bytes.
+    threads
+        As many as are worth it.
+    seconds
+        On these threads of a machine like the one measured, an upper estimate.
+    """
+
+    nodes: float
+    fields: float
+    memory: float
+    threads: int
+    seconds: float
+
+    def mem_mb(self, attempt: int = 1) -> int:
+        """Memory to ask for, MB; half as much again with each attempt."""
+        return math.ceil((MARGIN * self.memory + BESIDE) / 1e6 * 1.5 ** (attempt - 1))
+
+    def runtime(self, attempt: int = 1) -> int:
+        """Time to ask for, minutes; twice as much with each attempt, which goes on from the checkpoint of the last."""
+        return math.ceil((START + TIME_MARGIN * self.seconds) / 60.0) * 2 ** (attempt - 1)
+
+    def mesh_mem_mb(self) -> int:
+        """Memory to ask for when the mesh is made and read, MB."""
+        return math.ceil((MARGIN * (MESHER + CELL * self.nodes) + BESIDE) / 1e6)
+
+    def drawing_mem_mb(self) -> int:
+        """Memory to ask for when the result is drawn, MB."""
+        return math.ceil((MARGIN * (PROCESS + COPIES * self.fields) + BESIDE) / 1e6)
+
+
+def needs_of(scene: Mapping[str, Any]) -> Needs:
+    """Estimate what a resolved scene will take to solve.
+
+    Parameters
+    ----------
+    scene
+        As :meth:`pdhe.scene.Scene.resolved` gives it, SI.
+
+    Notes
+    -----
+    Cracks are taken to cross the plate and hydrogen to stop at every round of their failures, the most that can happen,
+    so that the time is above what is measured: 1.05 to 9 times in ``config/scenes``.
+    """
+    plate, mesh = scene["geometry"]["plate"], scene["mesh"]
+    width, height = plate["width"], plate["height"]
+    area = width * height - sum(math.pi * hole["radius"] ** 2 for hole in scene["geometry"]["holes"])
+    nodes, finest = area / mesh["spacing"] ** 2, mesh["spacing"]
+    if mesh.get("refine"):
+        nodes, finest = _graded(canonical(scene["geometry"]), canonical(mesh))
+    mean = math.sqrt(area / nodes)
+    ratio = scene["horizon"].get("ratio") or scene["horizon"]["length"] / mesh["spacing"]
+    bonds = nodes * _moments(round(ratio, 3), 0)[0]
+    lattice = mesh["cells"] == "quadrilateral" and not scene["geometry"]["holes"]
+
+    moving = scene["stepping"]["mode"] == "dynamic"
+    mechanics, hydrogen = bool(scene.get("loads")) or moving, scene.get("hydrogen")
+    breaks, outputs = mechanics and "damage" in scene, len(scene["outputs"]["times"])
+    share = BOTH if mechanics and hydrogen else MECHANICS if mechanics else DIFFUSION
+    numbers = 2 * mechanics + 2 * moving + breaks + bool(hydrogen)
+    fields = 8.0 * numbers * nodes * outputs
+    memory = PROCESS + share * bonds + COPIES * fields
+
+    solves, sweeps, stepping = outputs, 0.0, scene["stepping"]
+    if stepping["mode"] == "fixed":
+        solves = stepping["load_steps"]
+        sweeps = SWEEPS * solves * stepping["diffusion_substeps"]
+    rounds = 0.0
+    if breaks:
+        cracks = scene["geometry"]["cracks"]
+        lengths = [math.dist(crack["from"], crack["to"]) for crack in cracks]
+        ways = 1 if lattice else max(1, len(cracks))
+        rounds = ROUNDS[lattice] * ways * max(max(width, height) - max(lengths, default=0.0), 0.0) / mean
+    if hydrogen and stepping["mode"] == "events":
+        number, square = _moments(round(ratio, 3), POWERS[hydrogen["kernel"]])
+        limit = square / number / 4.0 * finest**2 / scene["material"]["diffusivity"]  # theory, eq. 4.6
+        explicit = scene["time"]["end"] / (SAFETY * limit)
+        long = LONG[breaks] * math.sqrt(explicit * (outputs + rounds))
+        sweeps = min(SWEEPS * explicit + AFTER_ROUND * rounds, long)
+    # The state-based model has no kernels for lattices.
+    quick = lattice and scene["mechanics"]["model"] != "state-based"
+    force, diffusion = bonds / FORCE_RATE[quick], bonds / DIFFUSION_RATE[lattice]
+    work = STEP * diffusion * sweeps
+    if moving:
+        sound = math.sqrt(scene["material"]["youngs_modulus"] / scene["material"]["density"])
+        stable = STABLE * ratio / 3.0 * finest / sound
+        work += force * MOVING * scene["time"]["end"] / (stepping.get("step") or stepping["safety"] * stable)
+    elif mechanics:
+        work += force * (ITERATION * ITERATIONS + SEARCH) * (solves + rounds)
+    threads = min(max(int(bonds // WORTH_A_THREAD), 1), MOST_THREADS)
+    return Needs(nodes, fields, memory, threads, OVERHEAD + work / (1.0 + FURTHER_THREAD * (threads - 1)))
+
+
+@cache
+def _graded(geometry: str, mesh: str) -> tuple[float, float]:
+    """Number of cells of a graded mesh, and its finest spacing, m; the blocks as JSON."""
+    from pdhe.scene import Geometry, Mesh
+    from pdhe.sizing import SizeField
+
+    plate, spacing = (
+        kind.model_validate(json.loads(block), context={"si": True})
+        for kind, block in ((Geometry, geometry), (Mesh, mesh))
+    )
+    return SizeField(plate, spacing).cells(), spacing.finest
+
+
+@cache
+def _moments(ratio: float, power: int) -> tuple[float, float]:
+    """Sums over the neighbours on a lattice, within ``ratio`` spacings, of r^-power and of r^(2 - power)."""
+    number = square = 0.0
+    reach = math.floor(ratio)
+    for i in range(-reach, reach + 1):
+        for j in range(-reach, reach + 1):
+            r = math.hypot(i, j)
+            if 0.0 < r <= ratio:
+                number += r**-power
+                square += r ** (2 - power)
+    return number, square
