@@ -14,6 +14,7 @@ from pdhe.dynamics import Traction, Verlet
 from pdhe.embrittlement import LAWS, resistance
 from pdhe.errors import SceneError
 from pdhe.materials import MODELS, Body, Model, make_body
+from pdhe.materials.constants import Orthotropic
 from pdhe.mirrors import EDGE_AXIS, Symmetry
 from pdhe.relaxation import DynamicRelaxation
 from pdhe.scene import Scene
@@ -87,7 +88,7 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
     d = _with_regions(scene, discretization)
     _require_node_sets(scene, d)
     partial = partial_volume_rule(scene, d)
-    model = _model(scene, d.thickness)
+    model = _model(scene, d)
     symmetry = Symmetry.of(scene.geometry)
     if symmetry is not None and scene.loads is not None and not model.body.sees_images:
         raise SceneError(
@@ -160,11 +161,27 @@ def _reaction_factors(scene: Scene, symmetry: Symmetry | None) -> dict[tuple[str
     return factors
 
 
-def _model(scene: Scene, thickness: float) -> Model:
+def _model(scene: Scene, d: Discretization) -> Model:
     """The elastic model, with those settings of the block ``mechanics`` that it knows."""
     kind, material, mechanics = MODELS[scene.mechanics.model], scene.material, scene.mechanics
     options = {field.name: getattr(mechanics, field.name) for field in fields(kind) if hasattr(mechanics, field.name)}
-    return kind(material.youngs_modulus, material.poissons_ratio, thickness, scene.horizon_length, **options)
+    if scene.loads is not None and material.orthotropic is not None:
+        more = material.orthotropic.model_dump()
+        options["orthotropic"] = Orthotropic(material.youngs_modulus, poissons_ratio_12=material.poissons_ratio, **more)
+        options["angle"] = _axes(scene, d)
+    return kind(material.youngs_modulus, material.poissons_ratio, d.thickness, scene.horizon_length, **options)
+
+
+def _axes(scene: Scene, d: Discretization) -> np.ndarray:
+    """Direction of the material axis 1 at each node, rad (n,)."""
+    angle = np.zeros(d.volume.size)
+    for item in scene.mechanics.axes or ():
+        nodes = d.node_sets[item.on]
+        angle[nodes] = item.angle
+        if item.around is not None:
+            x, y = (d.coordinates[nodes] - item.around).T
+            angle[nodes] += np.arctan2(y, x)
+    return angle
 
 
 def _require_support(scene: Scene, body: Body) -> None:
@@ -248,6 +265,7 @@ def _require_node_sets(scene: Scene, d: Discretization) -> None:
     wanted = [("loads", load.on) for load in scene.loads or ()]
     if scene.hydrogen is not None:
         wanted += [("hydrogen.boundary", condition.on) for condition in scene.hydrogen.boundary]
+    wanted += [("mechanics.axes", item.on) for item in scene.mechanics.axes or ()]
     wanted += [("damage.no_fail", name) for name in (scene.damage.no_fail if scene.damage else ())]
     for key, name in wanted:
         if d.node_sets.get(name, np.empty(0)).size == 0:

@@ -139,8 +139,8 @@ def _mechanics(case: Case) -> str:
     else:
         how = f"equilibrium by {case.scene.solver.method} to {case.equilibrium.tolerance:g}"
     return (
-        f"mechanics: on, {case.scene.mechanics.model}, weights {case.scene.mechanics.weights}, "
-        f"{cut} bonds cut by pre-cracks, {how}"
+        f"mechanics: on, {case.scene.mechanics.model}, plane {case.scene.mechanics.plane}, "
+        f"weights {case.scene.mechanics.weights}, {cut} bonds cut by pre-cracks, {how}"
         + (", weights in single precision" if case.body.cubed.dtype == np.float32 else "")
     )
 

@@ -182,8 +182,25 @@ class Horizon(Block):
         return self
 
 
+class Orthotropic(Block):
+    """What an orthotropic material has beyond Young's modulus along its axis 1 and Poisson's ratio 12.
+
+    ``poissons_ratio_12`` is the contraction along 2 under tension along 1. Those of axis 3, across the plate, are for
+    plane strain.
+    """
+
+    youngs_modulus_2: fields.Stiffness
+    shear_modulus_12: fields.Stiffness
+    youngs_modulus_3: fields.Stiffness | None = None
+    poissons_ratio_13: fields.CrossRatio | None = None
+    poissons_ratio_23: fields.CrossRatio | None = None
+
+
 class Material(Block):
-    """Material data; `source` says where each value comes from."""
+    """Material data; `source` says where each value comes from.
+
+    With ``orthotropic``, Young's modulus and Poisson's ratio are those of the axes 1 and 12.
+    """
 
     name: fields.Text = "unnamed"
     youngs_modulus: fields.Stiffness
@@ -193,6 +210,7 @@ class Material(Block):
     density: fields.Density | None = None
     diffusivity: fields.Diffusivity | None = None
     saturation_concentration: fields.SaturationConcentration | None = None
+    orthotropic: Orthotropic | None = None
     source: dict[str, fields.Text] = Field(default_factory=dict)
 
     @field_validator("source", mode="after")
@@ -216,17 +234,30 @@ class Material(Block):
         return rate * (1.0 - self.poissons_ratio**2) if plane == "strain" else rate
 
 
+class Axes(Block):
+    """Direction of the material axis 1 on a node set: an angle (rad) from x, or from the direction away from a point.
+
+    Later entries of a list go before earlier ones.
+    """
+
+    on: fields.NodeSet = "all"
+    angle: fields.Angle
+    around: fields.Point | None = None
+
+
 class Mechanics(Block):
     """The elastic model, its weights and the treatment of cells that the horizon cuts.
 
     ``plane`` says what vanishes across the plate: stress or strain. ``zero_energy`` and its strength are for the model
-    ``correspondence``: what resists displacements that its gradient does not see.
+    ``correspondence``: what resists displacements that its gradient does not see. ``axes`` are those of an orthotropic
+    material.
     """
 
     model: Annotated[str, choice(*MODELS)] = "condensed rotation"
     plane: Annotated[str, choice("stress", "strain")] = "stress"
     zero_energy: Annotated[str, choice("wan", "silling")] = "wan"
     zero_energy_strength: fields.Strength = 1.0
+    axes: Annotated[tuple[Axes, ...], BeforeValidator(fields.as_list)] | None = None
     weights: Annotated[str, choice("moment matched", "volume", "energy", "none")] = "moment matched"
     partial_volume: Annotated[str, choice("auto", "full", "ramp", "thesis")] = "auto"
 

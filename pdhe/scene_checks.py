@@ -276,8 +276,43 @@ def _has_source(scene: "Scene") -> bool:
     return hydrogen.saturation is not None and scene.loads is not None and faces
 
 
+def _check_orthotropic(scene: "Scene") -> None:
+    """Engineering constants that belong together, and a model that knows them."""
+    material, mechanics, given = scene.material, scene.mechanics, scene.material.orthotropic
+    if mechanics.axes is not None and given is None:
+        raise problem(
+            "are axes of an isotropic material", "leave them out, or add `material.orthotropic`", "mechanics.axes"
+        )
+    if given is None:
+        return
+    if scene.loads is not None and mechanics.model != "correspondence":
+        text = f"is not known to model `{mechanics.model}`"
+        raise problem(text, "use `mechanics: {model: correspondence}`", "material.orthotropic")
+    if scene.damage is not None and material.critical_energy_release_rate is None:
+        text = "is missing: `fracture_toughness` gives it for isotropic materials only"
+        raise problem(text, "for example `2 kJ/m^2`", "material.critical_energy_release_rate")
+    e1, e2, nu12 = material.youngs_modulus, given.youngs_modulus_2, material.poissons_ratio
+    left = 1.0 - nu12**2 * e2 / e1
+    key = "material.poissons_ratio"
+    if mechanics.plane == "strain" and scene.loads is not None:
+        for name in ("youngs_modulus_3", "poissons_ratio_13", "poissons_ratio_23"):
+            if getattr(given, name) is None:
+                raise problem("is missing, and plane strain needs it", "give it", f"material.orthotropic.{name}")
+        e3, nu13, nu23 = given.youngs_modulus_3, given.poissons_ratio_13, given.poissons_ratio_23
+        key = "material.orthotropic.poissons_ratio_23"
+        left = min(left, 1.0 - nu13**2 * e3 / e1, 1.0 - nu23**2 * e3 / e2, _compliance(e1, e2, e3, nu12, nu13, nu23))
+    if left <= 0.0:
+        raise problem("makes the stiffness indefinite", "|nu_ij| must stay below sqrt(E_i/E_j)", key)
+
+
+def _compliance(e1: float, e2: float, e3: float, nu12: float, nu13: float, nu23: float) -> float:
+    """Determinant of the compliance of the three axes, times the three moduli."""
+    return 1.0 - nu12**2 * e2 / e1 - nu23**2 * e3 / e2 - nu13**2 * e3 / e1 - 2.0 * nu12 * nu23 * nu13 * e3 / e1
+
+
 def _check_material(scene: "Scene") -> None:
     material = scene.material
+    _check_orthotropic(scene)
     if material.youngs_modulus < 1.0:
         raise problem("is less than 1 Pa", "`MPa` is megapascal, `mPa` is millipascal", "material.youngs_modulus")
     if material.fracture_toughness is not None and material.critical_energy_release_rate is not None:
@@ -314,6 +349,7 @@ def _check_node_sets(scene: "Scene") -> None:
     places = [(f"loads.{k}.on", load.on) for k, load in enumerate(scene.loads or ())]
     if scene.hydrogen is not None:
         places += [(f"hydrogen.boundary.{k}.on", item.on) for k, item in enumerate(scene.hydrogen.boundary)]
+    places += [(f"mechanics.axes.{k}.on", item.on) for k, item in enumerate(scene.mechanics.axes or ())]
     if scene.damage is not None:
         places += [(f"damage.no_fail.{k}", name) for k, name in enumerate(scene.damage.no_fail)]
         for k, name in enumerate(scene.damage.no_fail):

@@ -35,6 +35,7 @@ KINDS: dict[str, Kind] = {
     "density": Kind("kg/m^3", "7850 kg/m^3"),
     "velocity": Kind("m/s", "16.5 m/s"),
     "rate": Kind("s^-1", "1e4 s^-1"),
+    "angle": Kind("rad", "30 deg"),
     "concentration": Kind("mol/m^3", "2.1 mol/m^3"),
     "surface concentration": Kind("mol/m^2", "2.65e-5 mol/m^2"),
 }
@@ -61,7 +62,7 @@ _COMMON_UNITS: dict[str, tuple[float, dict[str, float]]] = {
     "year": (31557600.0, _TIME), "Pa": (1.0, _STRESS), "kPa": (1e3, _STRESS), "MPa": (1e6, _STRESS),
     "GPa": (1e9, _STRESS), "J": (1.0, _ENERGY), "kJ": (1e3, _ENERGY), "mJ": (1e-3, _ENERGY), "N": (1.0, _FORCE),
     "kN": (1e3, _FORCE), "kg": (1.0, _MASS), "g": (0.001, _MASS), "mg": (1e-6, _MASS), "mol": (1.0, _AMOUNT),
-    "mmol": (0.001, _AMOUNT), "umol": (1e-6, _AMOUNT),
+    "mmol": (0.001, _AMOUNT), "umol": (1e-6, _AMOUNT), "rad": (1.0, {}), "deg": (math.pi / 180.0, {}),
 }
 """SI value and dimensions of the units of nearly every scene: pint, which takes 0.4 s to begin, is asked for others."""
 

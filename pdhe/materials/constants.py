@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 #: What keeps the third direction: no stress (``stress``), no strain (``strain``), or there is nothing to keep (None).
@@ -43,3 +45,47 @@ def stiffness_tensor(young: float, poisson: float, plane: str) -> np.ndarray:
     """Stiffness of an isotropic plate, Pa (3, 3), for the strains xx, yy and engineering xy."""
     bulk, shear = bulk_modulus(young, poisson, plane), shear_modulus(young, poisson)
     return np.array([[bulk + shear, bulk - shear, 0.0], [bulk - shear, bulk + shear, 0.0], [0.0, 0.0, shear]])
+
+
+def mandel(stiffness: np.ndarray) -> np.ndarray:
+    """Stiffness as symmetric matrices (..., 3, 3) whose eigenvalues are those of the tensor."""
+    root = np.sqrt(2.0)
+    return stiffness * np.array([[1.0, 1.0, root], [1.0, 1.0, root], [root, root, 2.0]])
+
+
+def turned(stiffness: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Stiffness (3, 3) of a material whose axes are turned by some angles, rad (n,), as (n, 3, 3)."""
+    c, s = np.cos(angle), np.sin(angle)
+    cross = np.sqrt(2.0) * c * s
+    # How strains xx, yy and sqrt(2) xy look in the axes of the material.
+    rows = [[c * c, s * s, cross], [s * s, c * c, -cross], [-cross, cross, c * c - s * s]]
+    turn = np.moveaxis(np.array(rows), -1, 0)
+    return turn.transpose(0, 2, 1) @ mandel(stiffness) @ turn / mandel(np.ones((3, 3)))
+
+
+@dataclass(frozen=True)
+class Orthotropic:
+    """Engineering constants along material axes 1 and 2 in the plane and 3 across it; moduli in Pa.
+
+    ``poissons_ratio_12`` is the contraction along 2 under tension along 1. What belongs to axis 3 is for plane strain.
+    """
+
+    youngs_modulus_1: float
+    youngs_modulus_2: float
+    poissons_ratio_12: float
+    shear_modulus_12: float
+    youngs_modulus_3: float | None = None
+    poissons_ratio_13: float | None = None
+    poissons_ratio_23: float | None = None
+
+    def stiffness(self, plane: str) -> np.ndarray:
+        """Stiffness in the axes of the material, Pa (3, 3), for the strains 11, 22 and engineering 12."""
+        e1, e2, nu = self.youngs_modulus_1, self.youngs_modulus_2, self.poissons_ratio_12
+        compliance = np.array([[1.0 / e1, -nu / e1], [-nu / e1, 1.0 / e2]])
+        if plane == "strain":
+            across = np.array([-self.poissons_ratio_13 / e1, -self.poissons_ratio_23 / e2])
+            # No strain across: the stress there is what the other two make it.
+            compliance = compliance - self.youngs_modulus_3 * np.outer(across, across)
+        whole = np.zeros((3, 3))
+        whole[:2, :2], whole[2, 2] = np.linalg.inv(compliance), self.shear_modulus_12
+        return whole

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -144,7 +144,7 @@ class CorrespondenceBody(Body):
         A displacement of the family splits into an affine part and a rest, orthogonal in the sums; the former has at
         most the largest stiffness times its gradient squared, which the least value of the shape tensor bounds.
         """
-        stiffest = np.linalg.eigvalsh(_mandel(self.stiffness))[:, -1]
+        stiffest = np.linalg.eigvalsh(constants.mandel(self.model.tensor()))[:, -1]
         largest = 0.5 * (self.inverse[:, 0] + self.inverse[:, 2]) + np.hypot(
             0.5 * (self.inverse[:, 0] - self.inverse[:, 2]), self.inverse[:, 1]
         )
@@ -207,14 +207,6 @@ class CorrespondenceBody(Body):
         return top, nodes
 
 
-def _mandel(stiffness: np.ndarray) -> np.ndarray:
-    """Stiffness as symmetric matrices (k, 3, 3) whose eigenvalues are those of the tensor."""
-    xxxx, xxyy, xxxy, yyyy, yyxy, xyxy = stiffness.T
-    root = np.sqrt(2.0)
-    rows = [[xxxx, xxyy, root * xxxy], [xxyy, yyyy, root * yyxy], [root * xxxy, root * yyxy, 2.0 * xyxy]]
-    return np.moveaxis(np.array(rows), -1, 0)
-
-
 @dataclass(frozen=True)
 class Correspondence(Model):
     """Non-ordinary state-based model of a classical stress (Silling et al. 2007) under small strains.
@@ -225,13 +217,33 @@ class Correspondence(Model):
         Which of :data:`CONTROLS` resists displacements that no gradient sees.
     zero_energy_strength
         Factor on that.
+    orthotropic
+        Constants in the axes of the material; then Young's modulus and Poisson's ratio are not regarded.
+    angle
+        Of the material axis 1 from x, rad: one number, or one for each node (n,).
     """
 
     body = CorrespondenceBody
     zero_energy: str = "wan"
     zero_energy_strength: float = 1.0
+    orthotropic: constants.Orthotropic | None = None
+    angle: float | np.ndarray = field(default=0.0, compare=False)
+
+    def tensor(self) -> np.ndarray:
+        """Stiffness for the strains xx, yy and engineering xy, Pa (1, 3, 3) or of each node (n, 3, 3)."""
+        if self.orthotropic is None:
+            return constants.stiffness_tensor(self.youngs_modulus, self.poissons_ratio, self.plane)[None]
+        return constants.turned(self.orthotropic.stiffness(self.plane), np.atleast_1d(self.angle))
 
     def stiffness(self) -> np.ndarray:
-        """Entries xx-xx, xx-yy, xx-xy, yy-yy, yy-xy, xy-xy of the stiffness, Pa (1, 6)."""
-        tensor = constants.stiffness_tensor(self.youngs_modulus, self.poissons_ratio, self.plane)
-        return tensor[np.triu_indices(3)][None, :]
+        """Its entries xx-xx, xx-yy, xx-xy, yy-yy, yy-xy, xy-xy, Pa (1, 6) or (n, 6)."""
+        rows, columns = np.triu_indices(3)
+        return self.tensor()[:, rows, columns]
+
+    @property
+    def normal(self) -> float:
+        """Micromodulus of the bonds that have the energy of an isotropic extension, N/m^6, in whatever axes."""
+        if self.orthotropic is None:
+            return super().normal
+        tensor = self.orthotropic.stiffness(self.plane)
+        return 3.0 * float(tensor[:2, :2].sum()) / (np.pi * self.thickness * self.horizon**3)

@@ -59,6 +59,14 @@ def holes(**change):
     return {"geometry.holes": [{"name": "bore", "centre": ["140 mm", "50 mm"], "radius": "10 mm"}, HOLE | change]}
 
 
+def ply(**changes):
+    """An orthotropic block."""
+    return {"material.orthotropic": {"youngs_modulus_2": "10 GPa", "shear_modulus_12": "5 GPa", **changes}}
+
+
+GIVEN = {"material.critical_energy_release_rate": "0.3 kJ/m^2", "material.fracture_toughness": DELETE}
+
+
 # id: (edits of the good scene, key in the message, fragments of problem and hint)
 BAD = {
     # unknown and missing keys, wrong types
@@ -236,6 +244,32 @@ BAD = {
         "material.poissons_ratio",
         "which is 1/3 in plane stress",
         "give 0.3333",
+    ),
+    "axes of an isotropic material": (
+        {"mechanics": {"model": "correspondence", "axes": [{"angle": "30 deg"}]}},
+        "mechanics.axes",
+        "isotropic",
+        "add `material.orthotropic`",
+    ),
+    "axes without a unit": ({"mechanics": {"axes": [{"angle": 30}]}}, "mechanics.axes.0.angle", "needs a unit", "deg"),
+    "orthotropic bonds": (ply(), "material.orthotropic", "not known to model", "correspondence"),
+    "orthotropic toughness": (
+        {**ply(), "mechanics.model": "correspondence"},
+        "material.critical_energy_release_rate",
+        "for isotropic materials only",
+        "kJ/m^2",
+    ),
+    "orthotropic in plane strain": (
+        {**ply(), **GIVEN, "mechanics.model": "correspondence", "mechanics.plane": "strain"},
+        "material.orthotropic.youngs_modulus_3",
+        "plane strain needs it",
+        "give it",
+    ),
+    "impossible ply": (
+        {**ply(youngs_modulus_2="9000 GPa"), **GIVEN, "mechanics.model": "correspondence"},
+        "material.poissons_ratio",
+        "indefinite",
+        "sqrt",
     ),
     "zero-energy control of another model": (
         {"mechanics": {"zero_energy": "silling"}},
