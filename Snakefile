@@ -15,12 +15,15 @@ Meshes and solutions are kept under results/store by a digest of the parameters 
 them and a study that changes computes what is new and nothing else.
 """
 
+from os.path import exists
+
 from snakemake.utils import min_version
 
 min_version("9.20")
 
 
-configfile: "config/config.yaml"
+# With `--directory FOLDER`, results and logs lie there; files that are not there are those of this checkout.
+configfile: "config/config.yaml" if exists("config/config.yaml") else f"{workflow.basedir}/config/config.yaml"
 
 
 report: "workflow/report/workflow.rst"

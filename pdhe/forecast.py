@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from pdhe.case import Case
 from pdhe.costs import BOTH, COPIES, DIFFUSION, ITERATION, MECHANICS, MOTION, OVERHEAD, PROCESS, SEARCH, STEP
-from pdhe.errors import SceneError
+from pdhe.errors import PdheError, SceneError
 from pdhe.scene import Scene
 
 #: Nodes of a pilot, and by how much coarser it must be to be worth it. For the main scene (20,000 nodes) it costs one
@@ -18,6 +20,8 @@ from pdhe.scene import Scene
 PILOT_NODES, LEAST_COARSENING = 800, 2.0
 #: Nodes of a graded mesh from which one is flown: it has a quarter of them, fewer tell nothing.
 LEAST_GRADED = 1200
+#: Share of the memory of the machine from which a warning is due.
+USUAL_SHARE = 0.8
 
 
 @dataclass(frozen=True)
@@ -104,11 +108,9 @@ def make_forecast(case: Case, pilot: Pilot | None) -> Forecast:
     Cracks on so coarse a mesh are rough guides: times are right within a factor of three (the benchmark `same_answer`
     has 2.7), counts of failures less so.
     """
-    bonds = case.bonds.neighbours.size
-    share = BOTH if case.diffusion and case.body else MECHANICS if case.body else DIFFUSION
+    bonds, nodes = case.bonds.neighbours.size, case.discretization.volume.size
     numbers = 2 * bool(case.body) + 2 * bool(case.dynamics) + bool(case.rule) + bool(case.diffusion)
-    fields = 8.0 * numbers * case.discretization.volume.size * len(case.scene.outputs.times)
-    memory = PROCESS + share * bonds + COPIES * fields
+    memory = _memory(bonds, bool(case.body), bool(case.diffusion), numbers * nodes * len(case.scene.outputs.times))
     if case.dynamics is not None:
         sweeps, (force, _) = motion_steps(case), _sweep_seconds(case)
         return Forecast(memory, float(sweeps), seconds=OVERHEAD + MOTION * force * sweeps)
@@ -138,6 +140,51 @@ def motion_steps(case: Case) -> int:
     """Steps with inertia that a case takes, if it were not for outputs and corners of loads: they add some."""
     stepping = case.scene.stepping
     return case.dynamics.steps(case.scene.time.end, stepping.step or stepping.safety * case.dynamics.limit)
+
+
+def _memory(bonds: float, mechanics: bool, hydrogen: bool, written: float) -> float:
+    """Peak of the process with so many directed bonds, and so many numbers at all outputs together, bytes."""
+    share = BOTH if mechanics and hydrogen else MECHANICS if mechanics else DIFFUSION
+    return PROCESS + share * bonds + COPIES * 8.0 * written
+
+
+def check_memory(scene: Scene, nodes: int) -> str:
+    """Return a warning if a run is expected to take most of the memory of this machine, nothing otherwise.
+
+    Raises
+    ------
+    PdheError
+        If it is expected to take more than there is, swap included, before any of it is taken.
+    """
+    # As many neighbours as a circle of this radius holds: fewer at the boundary, a few more on triangles.
+    family = math.pi * (scene.horizon.ratio or scene.horizon_length / scene.mesh.spacing) ** 2
+    numbers = 2 * bool(scene.loads) + bool(scene.damage) + bool(scene.hydrogen)
+    written = numbers * nodes * len(scene.outputs.times)
+    needed = _memory(nodes * family, bool(scene.loads), bool(scene.hydrogen), written)
+    memory, swap = memory_of_machine()
+    if needed <= USUAL_SHARE * memory:
+        return ""
+    text = f"about {needed / 1e9:.3g} GB of memory are needed ({nodes} nodes, {family:.0f} bonds each)"
+    hint = "take a coarser `mesh.spacing`, fewer `outputs` or a machine with more memory"
+    if needed > memory + swap:
+        raise PdheError(f"{text}, more than the {(memory + swap) / 1e9:.3g} GB of this machine: {hint}")
+    return f"warning: {text} of the {memory / 1e9:.3g} GB of this machine: run nothing else beside it, or {hint}"
+
+
+def memory_of_machine() -> tuple[float, float]:
+    """Memory that processes of this kind may take, bytes, and swap; both infinite where the system does not tell."""
+    try:
+        told = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text(encoding="utf-8").splitlines())
+        memory, swap = (1024.0 * float(told[name].split()[0]) for name in ("MemTotal", "SwapTotal"))
+    except (OSError, ValueError, KeyError):
+        return math.inf, math.inf
+    with contextlib.suppress(OSError, ValueError):
+        # Groups of processes may be given less, as by a cluster; theirs is the least of all groups around them.
+        group = Path("/proc/self/cgroup").read_text(encoding="utf-8").rpartition("0::")[2].strip().strip("/")
+        for place in (folder := Path("/sys/fs/cgroup", group), *folder.parents):
+            with contextlib.suppress(OSError, ValueError):
+                memory = min(memory, float(Path(place, "memory.max").read_text(encoding="utf-8")))
+    return memory, swap
 
 
 def _faster(case: Case, pilot: Pilot, coarsening: float) -> float:

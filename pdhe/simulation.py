@@ -18,7 +18,7 @@ from pdhe.checkpoint import Keeper, Run, identity
 from pdhe.damage import Candidates, nearest_failure
 from pdhe.discretization import Discretization, discretize
 from pdhe.errors import PdheError, SimulationError
-from pdhe.forecast import Pilot, make_forecast, pilot_scene
+from pdhe.forecast import Pilot, check_memory, make_forecast, pilot_scene
 from pdhe.kernels import threads_for
 from pdhe.mesh import make_mesh
 from pdhe.plan import make_plan
@@ -75,16 +75,17 @@ def solve_case(
     path, log = Path(path), progress or _silent
     check_place(path)
     keeper = Keeper(checkpoint_of(path), identity(scene.resolved(), discretization), log)
+    if tight := check_memory(scene, discretization.volume.size):
+        log(tight)
     case = build_case(scene, discretization)
     pilot = fly_pilot(scene, discretization.volume.size) if discretization.volume.size >= PILOT_FROM else None
     expected = make_forecast(case, pilot)
     plan = make_plan(case, pilot, expected)
-    if progress:
-        progress(plan)
+    with keeper.listening():
+        log(plan)
         if pilot is not None:
             # Not part of the plan that the result keeps: it depends on the machine.
-            progress(f"expected time: {expected.seconds:.3g} s of processor time on one thread")
-    with keeper.listening():
+            log(f"expected time: {expected.seconds:.3g} s of processor time on one thread")
         _solve(case, path, log, keeper, plan, command, remarks or {})
 
 

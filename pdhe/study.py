@@ -30,7 +30,7 @@ from typing import Any
 from pdhe.errors import SceneError
 from pdhe.provenance import canonical, digest
 from pdhe.scene import load_scene
-from pdhe.yamlfile import read_yaml
+from pdhe.yamlfile import find_file, read_yaml
 
 STUDY_KEYS = ("name", "scene", "set", "sweep", "cases", "figures")
 PICTURES = {"damage": "damage", "displacement": "loads", "coverage": "hydrogen"}
@@ -183,7 +183,8 @@ def load_studies(config: Mapping[str, Any], configfiles: Iterable[str | Path] = 
         files = config.get("studies") or []
         if not isinstance(files, list) or not files:
             raise SceneError(source, "studies", files, "needs a list of study files", f"known keys: {', '.join(known)}")
-    studies = tuple(load_study(file, config.get("figures")) for file in dict.fromkeys(map(str, files)))
+    found = dict.fromkeys(find_file(str(file), configfiles) for file in files)
+    studies = tuple(load_study(file, config.get("figures")) for file in found)
     seen: dict[str, str] = {}
     for study in studies:
         if study.name in seen:
@@ -200,7 +201,8 @@ def load_study(path: str | Path, figures: Mapping[str, Any] | None = None) -> St
     Parameters
     ----------
     path
-        Study file; scene files it names are looked for from the working directory, then beside the study file.
+        Study file; scene files it names are looked for from the working directory, then beside it and in the
+        folders above.
     figures
         Style that the ``figures`` block of the file overrides key by key.
 
@@ -305,11 +307,13 @@ def _scene_file(file: str, key: str, changes: dict[str, Any], study: Mapping[str
     scene = changes.pop("scene", study.get("scene"))
     if not isinstance(scene, str):
         raise SceneError(file, key, scene, "needs the path of a scene file", "for example config/scenes/mode_i.yaml")
-    beside = Path(file).parent / scene
-    for path in (Path(scene), beside):
-        if path.is_file():
-            return str(path)
-    raise SceneError(file, key, scene, "no such scene file", f"looked for {scene} and {beside}")
+    found = find_file(scene, [file])
+    if not Path(found).is_file():
+        beside = Path(file).parent / scene
+        raise SceneError(
+            file, key, scene, "no such scene file", f"looked for {scene}, {beside} and in folders above it"
+        )
+    return found
 
 
 def _wanted(file: str, style: dict[str, Any]) -> Sequence[str]:

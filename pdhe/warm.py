@@ -3,13 +3,15 @@
 A job is still one command with its own log, exit status and result. Where ``PDHE_WARM`` names a folder, ``python -m
 pdhe`` hands its arguments and its output streams to a process that waits there, one for each job that runs at a time,
 and starts one if there is none; anything in the way of that, and it does the work itself. Such a process ends with the
-run of the workflow it belongs to, whose process number ends the name of the folder, and at once when the command that
-waits for it is killed.
+run of the workflow it belongs to, whose process number ends the name of the folder. SIGTERM and SIGINT are passed on to
+it by the command that waits, so that a solve takes a last checkpoint; when that command is killed, it takes SIGTERM for
+it, and ends if that is of no use.
 """
 
 import contextlib
 import fcntl
 import os
+import signal
 import socket
 import stat
 import sys
@@ -27,6 +29,7 @@ MOST_MEMORY = 1 << 30
 _MOST_PROCESSES = 256
 _ACCEPTED, _HEADER = b"+", 16
 _LOOK_EVERY = 0.5  # s, for the end of the run
+_PATIENCE = 15.0  # s, for the end of a command whose caller is gone: more than a solve waits for its next checkpoint
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -62,10 +65,7 @@ def _delegate(folder: str, arguments: Sequence[str]) -> int | None:
         if connection is None:
             return None
         with connection:
-            status = connection.recv(4)
-    except KeyboardInterrupt:
-        sys.stderr.write("interrupted\n")
-        return 130
+            status = _wait(connection)
     except OSError:
         return None
     finally:
@@ -75,6 +75,21 @@ def _delegate(folder: str, arguments: Sequence[str]) -> int | None:
         sys.stderr.write("error: the process that ran this ended without a word; was there enough memory?\n")
         return 1
     return int(status)
+
+
+def _wait(connection: socket.socket) -> bytes:
+    """Wait for the end of a command, passing signals on to it."""
+
+    def forward(number: int, _: object) -> None:
+        with contextlib.suppress(OSError):
+            connection.send(bytes([number]))
+
+    before = {number: signal.signal(number, forward) for number in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        return connection.recv(4)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
 
 def _free_place(folder: str) -> tuple[int, str]:
@@ -172,11 +187,21 @@ def _serve_one(connection: socket.socket) -> bool:
     done = threading.Event()
 
     def watch() -> None:
-        # Nothing more is sent: the read ends when whoever waits for this command is gone.
-        connection.recv(1)
-        if not done.is_set():
+        # What is sent are numbers of signals; the read ends when whoever waits for this command is gone.
+        received = b"-"
+        while received:
+            try:
+                received = connection.recv(1)
+            except OSError:
+                received = b""
+            if done.is_set():
+                return
+            os.kill(os.getpid(), received[0] if received else signal.SIGTERM)
+        if not done.wait(_PATIENCE):
             os._exit(1)
 
+    # Outside a command, such as in the instant before it begins, a signal ends the process as it ends any other.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     threading.Thread(target=watch, daemon=True).start()
     status, fit = _run(folder, arguments)
     sys.stdout.flush()

@@ -6,6 +6,7 @@ The loader is a small, strict part of YAML 1.2: ``on``, ``off``, ``yes`` and ``n
 
 import copy
 import re
+from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar
@@ -129,6 +130,18 @@ for _name, _constructor in {
 }.items():
     _Loader.add_constructor(f"tag:yaml.org,2002:{_name}", _constructor)
 _Loader.add_constructor(None, _refuse_tag)
+
+
+def find_file(named: str, beside: Iterable[str | Path]) -> str:
+    """Return the path of a file that another file names: from the working directory, or beside that or above it.
+
+    The name itself where there is no such file.
+    """
+    if not Path(named).is_file():
+        for parent in (parent for file in beside for parent in Path(file).resolve().parents):
+            if (parent / named).is_file():
+                return str(parent / named)
+    return named
 
 
 def parse_yaml(text: str, file: str) -> dict[Any, Any]:

@@ -36,6 +36,8 @@ def validate(arguments: argparse.Namespace) -> None:
             else:
                 print(f"{file}: scene '{load_scene(file).title}'")
         except PdheError as error:
+            if len(arguments.files) == 1:
+                raise
             print(f"error: {error}", file=sys.stderr)
             failed += 1
     if failed:

@@ -74,7 +74,7 @@ def plan(arguments: argparse.Namespace) -> None:
     """Tell what a scene would compute, and at what cost."""
     from pdhe.case import build_case
     from pdhe.discretization import discretize
-    from pdhe.forecast import make_forecast
+    from pdhe.forecast import check_memory, make_forecast
     from pdhe.mesh import make_mesh
     from pdhe.needs import needs_of
     from pdhe.plan import make_plan
@@ -86,10 +86,12 @@ def plan(arguments: argparse.Namespace) -> None:
     with tempfile.TemporaryDirectory() as folder:
         mesh_file = Path(folder, "plan.msh")
         make_mesh(scene.geometry, scene.mesh, mesh_file)
-        case = build_case(scene, discretize(mesh_file, scene.geometry, scene.mesh))
+        nodes = discretize(mesh_file, scene.geometry, scene.mesh)
+        tight = check_memory(scene, nodes.volume.size)
+        case = build_case(scene, nodes)
     pilot = fly_pilot(scene, case.discretization.volume.size)
     expected = make_forecast(case, pilot)
-    print(make_plan(case, pilot, expected))
+    print("\n".join([make_plan(case, pilot, expected), *([tight] if tight else [])]))
     seconds = expected.seconds
     print("expected time: seconds" if seconds is None else f"expected time: {seconds:.3g} s of one thread")
     needs = needs_of(scene.resolved())

@@ -13,7 +13,7 @@ from pdhe.provenance import digest
 from pdhe.scene import Scene, load_scene
 from pdhe.scene_blocks import FIDELITIES
 from pdhe.study import folder_name
-from pdhe.yamlfile import read_yaml
+from pdhe.yamlfile import find_file, read_yaml
 
 #: What may be compared, and what a reader calls it; computed in :mod:`pdhe.tradeoff.quantities`.
 QUANTITIES = {
@@ -143,9 +143,10 @@ def load_trades(config: Mapping[str, Any], configfiles: Iterable[str | Path] = (
         return {}
     if isinstance(named, Mapping):
         named = next((str(file) for file in configfiles if "tradeoff" in (read_yaml(file) or {})), "")
-    if not isinstance(named, str) or not Path(named).is_file():
+    found = find_file(named, configfiles) if isinstance(named, str) else ""
+    if not Path(found).is_file():
         raise SceneError("configuration", "tradeoff", named, "needs the path of a design")
-    return load_design(named)
+    return load_design(found)
 
 
 def load_design(path: str | Path) -> dict[str, Trade]:
@@ -181,7 +182,7 @@ def _trade(file: str, name: str, block: Any) -> Trade:
         hint = "a fit of three numbers needs a fourth to be judged by"
         raise SceneError(file, f"{place}.reference.spacings", reference.get("spacings"), "needs four spacings", hint)
     trade = Trade(
-        name, file, block["scene"], block.get("title", name), tuple(block["quantities"]),
+        name, file, find_file(block["scene"], [file]), block.get("title", name), tuple(block["quantities"]),
         float(block.get("failure", 0.0)), reference, tuple(block["spacings"]), dict(block.get("knobs") or {}),
         tuple(block.get("knobs_at") or block["spacings"]), tuple(block.get("together") or ()),
         dict(block.get("set") or {}), tuple(block.get("also") or ()),

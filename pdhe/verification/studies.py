@@ -10,7 +10,7 @@ from typing import Any
 
 from pdhe.errors import SceneError
 from pdhe.verification.topics import TOPICS
-from pdhe.yamlfile import read_yaml
+from pdhe.yamlfile import find_file, read_yaml
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ def load_checks(config: Mapping[str, Any], configfiles: Iterable[str | Path] = (
         files = config.get("verification") or []
     if not isinstance(files, list):
         raise SceneError("configuration", "verification", files, "needs a list of check files")
-    return tuple(load_check(file) for file in dict.fromkeys(map(str, files)))
+    return tuple(load_check(file) for file in dict.fromkeys(find_file(str(file), configfiles) for file in files))
 
 
 def load_check(path: str) -> Check:

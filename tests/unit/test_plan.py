@@ -1,14 +1,17 @@
 """The plan: expected memory and work, and warnings about what is likely not meant."""
 
 import json
+import math
 import subprocess
 import sys
 
 import pytest
 
+from pdhe import forecast
 from pdhe.benchmarks.problems import SCENE, lattice_nodes, mode_i
 from pdhe.case import build_case
 from pdhe.discretization import discretize, write_discretization
+from pdhe.errors import PdheError
 from pdhe.forecast import PILOT_NODES, make_forecast, pilot_scene
 from pdhe.mesh import make_mesh
 from pdhe.plan import make_plan, warnings
@@ -173,3 +176,28 @@ def test_a_scene_whose_loads_break_nothing_is_warned_about():
 
 def test_the_main_scene_has_no_warnings(flown):
     assert warnings(*flown) == []
+
+
+def test_a_run_beyond_the_memory_of_the_machine_is_refused_before_it_takes_any(monkeypatch):
+    scene = load_scene("config/scenes/smoke.yaml")
+    nodes, needed = 1_000_000, forecast._memory(1e6 * math.pi * 3.015**2, True, True, 4e6 * len(scene.outputs.times))
+    for share, swap, outcome in ((0.5, 0.0, ""), (0.9, 0.0, "warning"), (1.1, 1.0, "warning"), (1.1, 0.0, "refused")):
+        monkeypatch.setattr(forecast, "memory_of_machine", lambda s=share, w=swap: (needed / s, needed * w))
+        if outcome == "refused":
+            with pytest.raises(PdheError, match=r"about \S+ GB of memory are needed .* more than the .* coarser"):
+                forecast.check_memory(scene, nodes)
+        else:
+            assert forecast.check_memory(scene, nodes)[:7] == outcome
+
+
+def test_the_estimate_of_memory_before_the_bonds_are_there_is_that_after(tmp_path):
+    """Boundaries have fewer bonds: 12 % with 40 rows."""
+    scene = load_scene("config/scenes/smoke.yaml", {"mesh.spacing": "2.5 mm"})
+    case = build_case(scene, lattice_nodes(scene))
+    before = case.discretization.volume.size * math.pi * 3.015**2
+    assert case.bonds.neighbours.size == pytest.approx(before, rel=0.13)
+
+
+def test_the_memory_of_this_machine_is_known():
+    memory, swap = forecast.memory_of_machine()
+    assert memory > 1e8 and swap >= 0.0

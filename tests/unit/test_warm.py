@@ -115,14 +115,38 @@ def long_solve(run_of_workflow, tmp_path):
 
 
 @pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
-def test_a_killed_command_takes_its_process_along(long_solve, sent):
+def test_an_ended_command_ends_what_runs_for_it_with_a_last_checkpoint(long_solve, sent):
     command, process, result = long_solve
+    checkpoint = result.with_name("result.nc.checkpoint")
     command.send_signal(sent)
     _, err = command.communicate(timeout=20)
-    assert command.returncode == (130 if sent == signal.SIGINT else -sent)
-    assert err == ("interrupted\n" if sent == signal.SIGINT else "")
-    assert soon(lambda: not psutil.pid_exists(process))
-    assert list(result.parent.iterdir()) == []
+    killed = sent == signal.SIGKILL
+    assert command.returncode == (-sent if killed else 128 + sent)
+    # What runs for it has its streams, and ends them after the command is gone.
+    name = "SIGTERM" if killed else sent.name
+    assert err.startswith(f"interrupted by {name} at t = ") and "the same command goes on from there" in err
+    assert [path.name for path in result.parent.iterdir()] == [checkpoint.name]
+    # What it leaves is a process that is fit for another command.
+    assert psutil.pid_exists(process)
+    written = checkpoint.stat().st_mtime_ns
+    time.sleep(0.3)
+    assert checkpoint.stat().st_mtime_ns == written
+
+
+def test_a_command_that_no_signal_ends_is_ended_when_nobody_waits(run_of_workflow, tmp_path):
+    _, folder = run_of_workflow
+    package = tmp_path / "pdhe"
+    package.mkdir()
+    for name in ("__init__.py", "__main__.py", "warm.py"):
+        text = (ROOT / "pdhe" / name).read_text()
+        (package / name).write_text(text.replace("_PATIENCE = 15.0", "_PATIENCE = 0.1"))
+    stuck = "import signal, time\n\ndef main(arguments):\n    signal.signal(signal.SIGTERM, signal.SIG_IGN)\n"
+    (package / "cli.py").write_text(stuck + "    print('begun', flush=True)\n    time.sleep(60)\n")
+    command = start(folder, "mesh", cwd=tmp_path, PYTHONPATH=str(tmp_path))
+    assert command.stdout.readline() == "begun\n"
+    command.kill()
+    command.communicate(timeout=20)
+    assert soon(lambda: not waiting(folder))
 
 
 def test_a_killed_process_is_told(long_solve):
