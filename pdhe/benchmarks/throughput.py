@@ -13,7 +13,9 @@ import numpy as np
 from pdhe.benchmarks.compiled import Library, compile_source
 from pdhe.benchmarks.problems import Sweep, bare_sweep
 from pdhe.benchmarks.timing import counted, in_turns, ratio, sample_table, shown
+from pdhe.materials import MODELS
 from pdhe.verification.drawing import COLOURS, MARKERS, label, panels
+from pdhe.verification.plates import plate_body, square_plate
 from pdhe.verification.report import Report, Row
 
 if TYPE_CHECKING:
@@ -29,9 +31,14 @@ to compile them. The ceiling is the measured speed of reading an array as large 
 the sweep, over the bytes that a bond streams: {bytes}. What a node needs is read again and again and comes from
 caches.
 
-Goals: 0.9 of C; {diffusion:.1g} directed bonds a second for diffusion and {force:.1g} for forces, in cache.
+The lines by model are force sweeps of whole bodies, in turns on one square lattice and one lattice with displaced
+nodes, with all that a solver calls: arrays for results and, for models of two sweeps, what happens at the nodes between
+them.
+
+Goals: 0.9 of C; {diffusion:.1g} directed bonds a second for diffusion and {force:.1g} for forces, in cache;
+{correspondence:.1g} for the correspondence model.
 """
-GOALS = {"diffusion": 1.2e9, "force": 4e8}
+GOALS = {"diffusion": 1.2e9, "force": 4e8, "correspondence": 5e7}
 
 
 def run(
@@ -40,8 +47,12 @@ def run(
     rounds: int = 5,
     least: float = 0.05,
     largest: float = 1e8,
+    model_nodes: int = 10_000,
 ) -> Report:
-    """Measure every sweep; problems of more than ``largest`` directed bonds are left out, for the sake of memory."""
+    """Measure every sweep; problems of more than ``largest`` directed bonds are left out, for the sake of memory.
+
+    ``model_nodes`` is the size of the bodies on which the elastic models are compared.
+    """
     import numba
 
     before = numba.get_num_threads()
@@ -64,12 +75,19 @@ def run(
                         groups[title] = samples
                         points.append(point)
                         rows += _rows(title, point)
+    for nodes_are, jitter in (("lattice", 0.0), ("displaced nodes", 0.1)):
+        samples, bonds = _models(model_nodes, jitter, rounds, least)
+        groups[f"force by model, {nodes_are}"] = samples
+        rows += [
+            shown(f"force, {model}, {nodes_are}", bonds / median(times), "bonds/s", GOALS.get(model, np.nan))
+            for model, times in samples.items()
+        ]
     numba.set_num_threads(before)
     if not libraries:
         rows.append(shown("C loops: no compiler or no sources, left out", 0.0))
     text = TEXT.format(
         bytes="8 on a lattice and 12 in a gather for diffusion, twice that for forces",
-        diffusion=GOALS["diffusion"], force=GOALS["force"],
+        diffusion=GOALS["diffusion"], force=GOALS["force"], correspondence=GOALS["correspondence"],
     )  # fmt: skip
     tables = {"samples": sample_table(groups), "points": points}
     return Report("throughput", TITLE, text, rows, partial(_draw, points), tables)
@@ -100,6 +118,17 @@ def _measure(
         point["of ceiling"] = rate["here"] * sweep.streamed / point["bandwidth"]
         point["difference"] = _difference(sweep, next(iter(libraries.values())))
     return point, samples
+
+
+def _models(nodes: int, jitter: float, rounds: int, least: float) -> tuple[dict[str, list[float]], int]:
+    """Times of a force sweep by elastic model, in turns on the same nodes, s, and the number of directed bonds."""
+    side = max(8, round(np.sqrt(nodes)))
+    plate, parts, bonds = square_plate(side, side, jitter=jitter), {}, 0
+    u = np.random.default_rng(1).normal(size=plate.coordinates.shape) * 1e-7
+    for model in MODELS:
+        body = plate_body(plate, 3.015e-3, model=model, partial="ramp" if jitter else "full")
+        parts[model], bonds = partial(body.force, u, np.empty_like(u)), body.bonds.length.size
+    return in_turns(parts, rounds, least), bonds
 
 
 def _call_all(calls: Sequence) -> None:

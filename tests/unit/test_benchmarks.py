@@ -16,7 +16,7 @@ TINY = {
     "thesis_loop": {"columns": 40, "rounds": 2, "least": 0.01},
     "same_answer": {"nodes": 200, "load_steps": 10, "substeps": 2, "own_nodes": 0, "rounds": 1,
                     "overrides": {"time.end": "1e6 s", "outputs.every": "5e5 s"}},
-    "throughput": {"nodes": [500], "ratios": [3], "rounds": 2, "least": 0.002},
+    "throughput": {"nodes": [500], "ratios": [3], "rounds": 2, "least": 0.002, "model_nodes": 100},
     "choices": {"spacing": 1e-2, "nodes": 800, "rounds": 1, "least": 0.002},
     "scaling": {"nodes": [400, 800], "rounds": 1, "thread_nodes": []},
     "memory": {"nodes": 1500},
