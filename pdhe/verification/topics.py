@@ -17,6 +17,7 @@ TOPICS: dict[str, str] = {
     "boundary": "pdhe.verification.boundary",
     "decoupled": "pdhe.verification.decoupled",
     "moduli": "pdhe.verification.moduli",
+    "elastic_models": "pdhe.verification.elastic_models",
     "compliance": "pdhe.verification.compliance",
     "convergence_mechanics": "pdhe.verification.convergence_mechanics",
     "toughness": "pdhe.verification.toughness",
