@@ -158,5 +158,5 @@ def mesh_memory(wildcards):
     return needs_to_mesh(wildcards.mesh_id).mesh_mem_mb()
 
 
-def drawing_memory(wildcards):
-    return needs_to_solve(CASES[wildcards.study, wildcards.case].solve_id).drawing_mem_mb()
+# The same for all drawings: a function for each of the many would take a tenth of the time of a large plan.
+DRAWING_MEMORY = max((needs_to_solve(solve_id).drawing_mem_mb() for solve_id in SOLVES), default=1000)

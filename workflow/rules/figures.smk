@@ -20,7 +20,7 @@ rule picture:
     conda:
         "../envs/pdhe.yaml"
     resources:
-        mem_mb=drawing_memory,
+        mem_mb=DRAWING_MEMORY,
     params:
         style=style_of,
         code=fingerprint("pdhe.plotting"),
@@ -47,7 +47,7 @@ rule animation:
     conda:
         "../envs/pdhe.yaml"
     resources:
-        mem_mb=drawing_memory,
+        mem_mb=DRAWING_MEMORY,
     params:
         style=style_of,
         code=fingerprint("pdhe.plotting"),
@@ -81,7 +81,7 @@ rule history:
     conda:
         "../envs/pdhe.yaml"
     resources:
-        mem_mb=drawing_memory,
+        mem_mb=DRAWING_MEMORY,
     params:
         code=fingerprint("pdhe.plotting", "pdhe.post"),
     shell:
