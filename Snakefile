@@ -9,6 +9,7 @@
     snakemake --cores 2 extremes                                    extreme scenes, each right or refused, and their map
     snakemake --cores 2 benchmarks                                  how fast everything is, and its page
     snakemake --cores 2 tradeoff                                    speed against accuracy, and its page
+    snakemake --cores 2 dynamics                                    running cracks, with inertia
     snakemake -n                                                    what would run, and why
 
 Meshes and solutions are kept under results/store by a digest of the parameters they depend on, so that studies share
@@ -44,6 +45,7 @@ include: "workflow/rules/extremes.smk"
 localrules:
     all,
     benchmarks,
+    dynamics,
     extremes,
     figures,
     results,
@@ -73,6 +75,13 @@ rule benchmarks:
 rule tradeoff:
     input:
         "results/tradeoff/index.html",
+
+
+rule dynamics:
+    input:
+        histories_for(ASIDE.values()),
+        pictures_for(ASIDE.values()),
+        indexes_for(ASIDE.values()),
 
 
 rule results:

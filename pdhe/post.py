@@ -176,6 +176,71 @@ def crack_tip(result: xr.Dataset, time: float) -> tuple[float, float] | None:
     return (x, y) if np.isfinite(x) and np.isfinite(y) else None
 
 
+def crack_speed(result: xr.Dataset, rows: int = 2) -> np.ndarray:
+    """Return the speed of the foremost tip at every entry of the history, m/s (steps,).
+
+    A tip goes from cell to cell: the speed is the mean over so many entries on either side, fewer at the ends.
+    """
+    time, way = result["history_time"].values, result["crack_extension"].values
+    last = time.size - 1
+    low, high = (np.clip(np.arange(time.size) + shift, 0, last) for shift in (-rows, rows))
+    span = time[high] - time[low]
+    return np.where(span > 0.0, way[high] - way[low], 0.0) / np.where(span > 0.0, span, 1.0)
+
+
+def crack_direction(result: xr.Dataset, time: float, crack: int = 0) -> float | None:
+    """Return the angle between a pre-crack and what grew from its end at the last output until a time, degrees.
+
+    Of the straight line through that end which fits the grown facets best, counter-clockwise. Facets that do not hang
+    together with the pre-crack do not count. None before growth.
+
+    Parameters
+    ----------
+    crack
+        Number of the pre-crack in the scene; it grows from its ``to``.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    facets = facets_of(result)
+    index = max(int(np.searchsorted(result["time"].values, time, side="right")) - 1, 0)
+    rows = open_facets(result, facets)[index]
+    ends, count = facets.vertices[rows], result.sizes["vertex"]
+    graph = coo_array((np.ones(len(ends)), tuple(ends.T)), shape=(count, count))
+    piece = connected_components(graph, directed=False)[1][ends[:, 0]]
+    start, tip = pre_cracks(result)[crack]
+    middle = result["vertices"].values[ends].mean(axis=1) - tip
+    length = np.linalg.norm(np.diff(result["vertices"].values[ends], axis=1)[:, 0], axis=1)
+    old = facets.broken[rows] == PRE_CRACKED
+    along = (tip - start) / np.linalg.norm(tip - start)
+    # Those of this pre-crack are within a side of a cell of its line.
+    own = old & (np.abs(along[0] * middle[:, 1] - along[1] * middle[:, 0]) < length.max(initial=0.0))
+    grown = ~old & np.isin(piece, piece[own])
+    if not grown.any():
+        return None
+    moment = (middle[grown] * length[grown, None]).T @ middle[grown]
+    axis = np.linalg.eigh(moment)[1][:, 1]
+    axis *= np.sign(length[grown] @ (middle[grown] @ axis)) or 1.0
+    return float(np.degrees(np.arctan2(along[0] * axis[1] - along[1] * axis[0], along @ axis)))
+
+
+def crossings(result: xr.Dataset, x: float, time: float, damage: float = 0.35) -> int:
+    """Return how many cracks a vertical line crosses at the last output until a time: runs of damaged nodes along it.
+
+    Parameters
+    ----------
+    x
+        Place of the line, m; nodes within a spacing of it count.
+    damage
+        From which a node belongs to a crack: the first row beside a sharp one has 0.39 (theory, eq. 5.10).
+    """
+    index = max(int(np.searchsorted(result["time"].values, time, side="right")) - 1, 0)
+    width = float(np.sqrt(np.ptp(result["node_x"].values) * np.ptp(result["node_y"].values) / result.sizes["node"]))
+    near = np.flatnonzero(np.abs(result["node_x"].values - x) <= width)
+    y = np.sort(result["node_y"].values[near[result["damage"].values[index, near] > damage]])
+    return 0 if not y.size else 1 + int(np.sum(np.diff(y) > 2.0 * width))
+
+
 def at_time(result: xr.Dataset, name: str, time: float) -> float:
     """Return a quantity of the history as it stands at a time: after everything that happened until then."""
     last = int(np.searchsorted(result["history_time"].values, time, side="right")) - 1
@@ -282,6 +347,11 @@ def summary(result: xr.Dataset) -> dict[str, float | str]:
     if span is not None:
         numbers |= {"growth_start": span[0], "growth_end": span[1]}
         numbers |= dict(zip(("crack_tip_x", "crack_tip_y"), crack_tip(result, np.inf) or (), strict=False))
+        if "kinetic_energy" in result:
+            numbers["crack_speed"] = float(crack_speed(result).max())
+            direction = crack_direction(result, np.inf) if len(pre_cracks(result)) else None
+            if direction is not None:
+                numbers["crack_direction"] = direction
     if "elastic_energy" in result:
         balance = energy_balance(result)
         numbers |= {f"energy_{name}": float(values[-1]) for name, values in balance.items()}

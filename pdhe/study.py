@@ -33,6 +33,11 @@ from pdhe.scene import load_scene
 from pdhe.yamlfile import find_file, read_yaml
 
 STUDY_KEYS = ("name", "scene", "set", "sweep", "cases", "figures")
+CONFIG_KEYS = (
+    "studies", "figures", "study", "verification", "verification_docs", "check", "benchmarks", "tradeoff", "dynamics",
+)  # fmt: skip
+"""Keys of a workflow configuration."""
+
 PICTURES = {"damage": "damage", "displacement": "loads", "coverage": "hydrogen"}
 """Pictures of a case, each with the block of the scene that has to be there for it."""
 
@@ -170,9 +175,8 @@ def load_studies(config: Mapping[str, Any], configfiles: Iterable[str | Path] = 
         For anything in the configuration, the studies or their scenes that cannot be used.
     """
     source = "configuration"
-    known = ("studies", "figures", "study", "verification", "verification_docs", "check", "benchmarks", "tradeoff")
     for key in config:
-        _known(source, key, known)
+        _known(source, key, CONFIG_KEYS)
     if "check" in config or isinstance(config.get("tradeoff"), Mapping):
         return ()
     if "study" in config:
@@ -182,7 +186,9 @@ def load_studies(config: Mapping[str, Any], configfiles: Iterable[str | Path] = 
     else:
         files = config.get("studies") or []
         if not isinstance(files, list) or not files:
-            raise SceneError(source, "studies", files, "needs a list of study files", f"known keys: {', '.join(known)}")
+            raise SceneError(
+                source, "studies", files, "needs a list of study files", f"known keys: {', '.join(CONFIG_KEYS)}"
+            )
     found = dict.fromkeys(find_file(str(file), configfiles) for file in files)
     studies = tuple(load_study(file, config.get("figures")) for file in found)
     seen: dict[str, str] = {}
@@ -193,6 +199,20 @@ def load_studies(config: Mapping[str, Any], configfiles: Iterable[str | Path] = 
             )
         seen[study.name] = study.file
     return studies
+
+
+def load_aside(config: Mapping[str, Any], configfiles: Iterable[str | Path] = ()) -> tuple[Study, ...]:
+    """Read the studies that have a target of their own and that the main job leaves alone: ``dynamics``.
+
+    None where the configuration asks for one study, one check or a study of the trade alone.
+    """
+    alone = "study" in config or "check" in config or isinstance(config.get("tradeoff"), Mapping)
+    file = config.get("dynamics")
+    if alone or file is None:
+        return ()
+    if not isinstance(file, str):
+        raise SceneError("configuration", "dynamics", file, "needs the path of a study file")
+    return (load_study(find_file(file, configfiles), config.get("figures")),)
 
 
 def load_study(path: str | Path, figures: Mapping[str, Any] | None = None) -> Study:

@@ -43,7 +43,7 @@ def draw_history(result_path: str | Path, out_path: str | Path) -> None:
             raise PdheError(f"{result_path}: the result holds no history")
         panels = [
             panel
-            for make in (_applied, _tractions, _reactions, _energies, _crack, _damage, _hydrogen)
+            for make in (_applied, _tractions, _reactions, _energies, _crack, _speed, _damage, _hydrogen)
             if (panel := make(result))
         ]
         if not panels:
@@ -149,6 +149,12 @@ def _crack(result: xr.Dataset) -> Curves | None:
         length = result["crack_length"].values
         curves["from broken bonds"] = length - length[0]
     return "crack extension (mm)", {name: 1e3 * values for name, values in curves.items()}
+
+
+def _speed(result: xr.Dataset) -> Curves | None:
+    if "kinetic_energy" not in result or "crack_extension" not in result:
+        return None
+    return "crack speed (m/s)", {"": post.crack_speed(result)}
 
 
 def _damage(result: xr.Dataset) -> Curves | None:

@@ -140,3 +140,29 @@ def test_a_node_on_a_crack_lies_on_its_left():
 def test_numbers_need_no_matplotlib():
     code = "import sys, pdhe.post; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_speed_is_the_slope_of_the_extension_over_a_few_entries(result):
+    speed = post.crack_speed(result, 1)
+    time, way = result["history_time"].values, result["crack_extension"].values
+    assert speed[3] == pytest.approx((way[4] - way[2]) / (time[4] - time[2]))
+    assert speed[0] == pytest.approx((way[1] - way[0]) / (time[1] - time[0]))
+    assert post.crack_speed(result, 100) == pytest.approx(np.full(time.size, way[-1] / time[-1]))
+
+
+@pytest.mark.parametrize("triangles", [False, True])
+def test_a_crack_that_goes_on_straight_has_the_direction_of_its_notch(tmp_path, triangles):
+    result = variant(tmp_path, triangles=triangles)
+    assert post.crack_direction(result, 0.0) is None
+    assert post.crack_direction(result, 60 * DAY) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_cracks_across_a_line_are_counted(result):
+    last = result.isel(time=[-1]).load().copy(deep=True)
+    last["damage"].values[:] = 0.0
+    x, y = last["node_x"].values, last["node_y"].values
+    assert post.crossings(last, 0.02, np.inf) == 0
+    last["damage"].values[0, np.abs(y - y.min()) < 1e-9] = 0.5
+    assert post.crossings(last, 0.02, np.inf) == 1
+    last["damage"].values[0, (np.abs(y - y.max()) < 1e-9) & (x > x.mean())] = 0.5
+    assert [post.crossings(last, place, np.inf) for place in (x.min(), x.max())] == [1, 2]

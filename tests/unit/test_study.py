@@ -12,7 +12,7 @@ import pytest
 
 from pdhe.errors import SceneError
 from pdhe.scene import Scene, load_scene
-from pdhe.study import STYLE_KEYS, load_studies, load_study, slug
+from pdhe.study import STYLE_KEYS, load_aside, load_studies, load_study, slug
 
 ROOT = Path(__file__).parents[2]
 SCENE = ROOT / "config/scenes/smoke.yaml"
@@ -238,3 +238,15 @@ def test_reading_studies_loads_nothing_heavy():
     heavy = "{'numba', 'gmsh', 'xarray', 'netCDF4', 'scipy.sparse', 'matplotlib'}"
     code = f"import sys, pdhe.study; pdhe.study.load_study(sys.argv[1]); assert not {heavy} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code, str(ROOT / "config/studies/smoke.yaml")], cwd=ROOT, check=True)
+
+
+def test_studies_with_a_target_of_their_own_are_apart(write):
+    file = str(write("one"))
+    assert [study.name for study in load_aside({"dynamics": file, "figures": {"dpi": 1}})] == ["one"]
+    assert load_studies({"dynamics": file, "studies": [str(write("two"))]})[0].name == "two"
+    # Whoever asks for one thing gets that alone.
+    for alone in ({"study": {}}, {"check": {}}, {"tradeoff": {}}):
+        assert load_aside({"dynamics": file, **alone}) == ()
+    assert load_aside({}) == ()
+    with pytest.raises(SceneError, match="path of a study"):
+        load_aside({"dynamics": ["a"]})

@@ -14,7 +14,7 @@ from pdhe.errors import PdheError
 from pdhe.extremes.registry import EXTREMES
 from pdhe.needs import Needs, needs_of
 from pdhe.provenance import canonical, digest, fingerprint
-from pdhe.study import load_studies
+from pdhe.study import load_aside, load_studies
 from pdhe.tradeoff.design import load_trades
 from pdhe.verification.studies import load_checks
 from pdhe.verification.topics import TOPICS
@@ -25,30 +25,59 @@ gc.set_threshold(200_000, 20, 100)
 
 try:
     STUDIES = {study.name: study for study in load_studies(config, workflow.configfiles)}
+    ASIDE = {study.name: study for study in load_aside(config, workflow.configfiles)}
     CHECKS = {check.topic: check for check in load_checks(config, workflow.configfiles)}
     MEASUREMENTS = configured(config)
     TRADES = load_trades(config, workflow.configfiles)
 except PdheError as error:
     sys.exit(f"error: {error}")
 
-CASES = {(study.name, case.name): case for study in STUDIES.values() for case in study.cases}
+for name in set(STUDIES) & set(ASIDE):
+    sys.exit(f"error: {ASIDE[name].file}: the study '{name}' has a target of its own and is listed as well")
+
+
+def solutions_for(studies):
+    return [f"results/store/solve/{case.solve_id}.nc" for study in studies for case in study.cases]
+
+
+def histories_for(studies):
+    return [
+        f"results/{study.name}/{case.name}/history.{end}"
+        for study in studies
+        for case in study.cases
+        for end in ("csv", "png")
+    ]
+
+
+def pictures_for(studies):
+    return [
+        f"results/{study.name}/{case.name}/{kind}.{end}"
+        for study in studies
+        for case in study.cases
+        for kind in case.pictures
+        for end in (("png", "gif") if study.animations else ("png",))
+    ]
+
+
+def indexes_for(studies):
+    return [f"results/{study.name}/cases.csv" for study in studies]
+
+
+SOLUTIONS = list(dict.fromkeys(solutions_for(STUDIES.values())))
+HISTORIES = histories_for(STUDIES.values())
+PICTURES = pictures_for(STUDIES.values())
+INDEXES = indexes_for(STUDIES.values())
+
+# What rules look up, whichever target asks for it.
+ALL = STUDIES | ASIDE
+CASES = {(study.name, case.name): case for study in ALL.values() for case in study.cases}
 MESHES = {case.mesh_id: case for case in CASES.values()}
 SOLVES = {case.solve_id: case for case in CASES.values()}
-
-SOLUTIONS = [f"results/store/solve/{solve_id}.nc" for solve_id in SOLVES]
-HISTORIES = [f"results/{study}/{case}/history.{end}" for study, case in CASES for end in ("csv", "png")]
-PICTURES = [
-    f"results/{study}/{name}/{kind}.{end}"
-    for (study, name), case in CASES.items()
-    for kind in case.pictures
-    for end in (("png", "gif") if STUDIES[study].animations else ("png",))
-]
-INDEXES = [f"results/{study}/cases.csv" for study in STUDIES]
 
 # Jobs find the programs of this environment, whether or not it is activated. In a large study that runs on this
 # machine, they share processes in which everything is imported already.
 environment = f"export PATH={shlex.quote(str(Path(sys.executable).parent))}:$PATH; "
-if len(SOLVES) >= MANY_CASES and workflow.is_main_process:
+if len(SOLUTIONS) >= MANY_CASES and workflow.is_main_process:
     environment += f"export PDHE_WARM={shlex.quote(folder_for(os.getpid()))}; "
 shell.prefix(environment)
 
@@ -93,7 +122,7 @@ wildcard_constraints:
     measurement="|".join(map(re.escape, MEASUREMENTS)),
     trade="|".join(map(re.escape, TRADES)),
     topic="|".join(map(re.escape, CHECKS)),
-    study="|".join(map(re.escape, STUDIES)),
+    study="|".join(map(re.escape, ALL)),
     case="[^/]+",
     kind="damage|displacement|coverage",
     mesh_id="[^/]+",
@@ -120,12 +149,12 @@ def result_of(wildcards):
 
 
 def solutions_of(wildcards):
-    solve_ids = dict.fromkeys(case.solve_id for case in STUDIES[wildcards.study].cases)
+    solve_ids = dict.fromkeys(case.solve_id for case in ALL[wildcards.study].cases)
     return [f"results/store/solve/{solve_id}.nc" for solve_id in solve_ids]
 
 
 def style_of(wildcards):
-    return canonical(STUDIES[wildcards.study].style)
+    return canonical(ALL[wildcards.study].style)
 
 
 @functools.cache
@@ -143,7 +172,7 @@ def solve_threads(wildcards):
     cores = workflow.global_resources["_cores"].value
     if workflow.remote_exec or cores is None:
         return needs_to_solve(wildcards.solve_id).threads
-    return max(1, cores // len(SOLVES))
+    return max(1, cores // max(1, len(SOLUTIONS)))
 
 
 def solve_memory(wildcards, attempt):

@@ -107,8 +107,8 @@ rule index:
     conda:
         "../envs/pdhe.yaml"
     params:
-        file=lambda wildcards: STUDIES[wildcards.study].file,
-        table=lambda wildcards: digest(STUDIES[wildcards.study].table()),
+        file=lambda wildcards: ALL[wildcards.study].file,
+        table=lambda wildcards: digest(ALL[wildcards.study].table()),
         code=fingerprint("pdhe.post"),
     shell:
         "python -m pdhe index {params.file:q} --solutions results/store/solve --out {output:q} > {log:q} 2>&1"
