@@ -104,10 +104,10 @@ def gather_force(
             fx += along * dx - across * dy
             fy += along * dy + across * dx
             qj = weakness[j]
-            if s > 0.0 and cubed[k] > 0.0 and min(qi, qj) > 0.0:
-                load = (s * s + shear * (hi * bi + hj * bj)) * max(qi, qj)
-                if load > top * r2 * r2:
-                    top = load / (r2 * r2)
+            load = (s * s + shear * (hi * bi + hj * bj)) * max(qi, qj)
+            # Asked in this order the answer is nearly always no, which processors foresee.
+            if load > top * r2 * r2 and s > 0.0 and cubed[k] > 0.0 and min(qi, qj) > 0.0:
+                top = load / (r2 * r2)
         force[i, 0] = fx
         force[i, 1] = fy
         square[i] = top
