@@ -16,6 +16,10 @@ from pdhe.kernels.vectors import row_sums
 from pdhe.mirrors import Images, Symmetry
 from pdhe.segments import crossed_by, distance_to_segment
 
+#: Share of a neighbour's volume below which it is no neighbour. Where the ramp ends on a distance of the lattice, as
+#: with a horizon of 1.5 spacings, round-off would decide node by node whether a bond without weight is in the family.
+NEGLIGIBLE = 1e-9
+
 
 @dataclass(frozen=True)
 class Grading:
@@ -387,7 +391,7 @@ def build_bonds(
     else:
         ends = horizons[owner], horizons[neighbours]
         share, fineness = two_sided_volume(length, ends, horizon, size, partial, 3)
-    kept = share > 0.0
+    kept = share > NEGLIGIBLE
     if not kept.all():
         count = np.bincount(owner[kept], minlength=offsets.size - 1)
         offsets = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)

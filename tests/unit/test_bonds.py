@@ -105,3 +105,12 @@ def test_tiny_bodies_have_finite_weights(surface, columns, rows):
     b = build_bonds(x, np.ones(len(x)), np.full(len(x), 1e-3), THICKNESS, 3e-3, surface=surface)
     assert np.all(np.isfinite(b.weight))
     assert np.all(b.weight > 0)
+
+
+def test_round_off_does_not_decide_on_neighbours():
+    # The ramp of a horizon of 1.5 spacings ends at 2: nodes there have no weight, whatever the digits of their places.
+    for shift in (0.0, 0.0123, 0.71):
+        x = lattice(9, 9) + shift
+        n = len(x)
+        bonds = build_bonds(x, np.ones(n), np.full(n, 1e-3), THICKNESS, 1.5e-3, partial="ramp", surface="none")
+        assert set(np.diff(bonds.offsets).reshape(9, 9)[2:-2, 2:-2].ravel()) == {8}
