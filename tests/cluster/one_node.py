@@ -11,6 +11,7 @@ import getpass
 import os
 import secrets
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -182,5 +183,6 @@ def told(command: list[str], environment: dict[str, str]) -> str:
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # the daemons end as well
     with tempfile.TemporaryDirectory(prefix="slurm-") as place, one_node(Path(place, "node")) as around:
         sys.exit(subprocess.run(sys.argv[1:] or ["sinfo"], env=around, check=False).returncode)
