@@ -1,5 +1,8 @@
 """Errors that a user can act on: each names the place, the value and what would have worked."""
 
+LONGEST = 300
+"""Characters of a value that a message shows."""
+
 
 class PdheError(Exception):
     """Base of every error that pdhe raises on purpose; the command line prints it without a traceback."""
@@ -25,8 +28,19 @@ class SceneError(PdheError):
     def __init__(self, file: str, key: str, value: object, problem: str, hint: str = "") -> None:
         self.file, self.key, self.value, self.problem, self.hint = str(file), key, value, problem, hint
         where = f"{self.file}: " + (f"key '{key}': " if key else "")
-        got = f" (got {value!r})" if value is not None else ""
-        super().__init__(f"{where}{problem}{got}" + (f"; {hint}" if hint else ""))
+        got = f" (got {_shown(value)})" if value is not None else ""
+        text = f"{where}{problem}{got}" + (f"; {hint}" if hint else "")
+        # One line, whatever a file holds, and nothing that a terminal acts on.
+        super().__init__("".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text))
+
+
+def _shown(value: object) -> str:
+    """Write a value so that a message stays readable."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # numbers of thousands of digits, for one
+        return "a value too large to show"
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
 
 
 class Interrupted(KeyboardInterrupt):

@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 
 from pdhe.errors import PdheError
+from pdhe.provenance import fingerprint, versions
 from pdhe.results import open_result
 from pdhe.whole import whole_result
 
@@ -81,15 +82,19 @@ def history_table(result_path: str | Path) -> str:
 
 
 def origin(result: xr.Dataset, ending: str) -> dict[str, str]:
-    """Return what made a result, for the metadata of a picture of it: its own digest, scene, code, versions, machine.
+    """Return what made a picture of a result, for its metadata.
+
+    Of the result its digest, scene, code, versions, machine and command; of the picture its code and versions.
 
     Parameters
     ----------
     ending
         Of the file of the picture: formats differ in the keys they know.
     """
-    wanted = ("content_sha256", "scene_hash", "code_fingerprint", "versions", "machine", "command")
-    text = json.dumps({name: str(result.attrs[name]) for name in wanted if name in result.attrs})
+    wanted = ("content_sha256", "scene", "scene_hash", "code_fingerprint", "versions", "machine", "command")
+    made = {name: str(result.attrs[name]) for name in wanted if name in result.attrs}
+    drawn = {"drawn_by": fingerprint("pdhe.plotting"), "drawn_with": json.dumps(versions(), sort_keys=True)}
+    text = json.dumps(made | drawn)
     return {"Title": str(result.attrs.get("title", "")), "Subject" if ending == ".pdf" else "Source": text}
 
 

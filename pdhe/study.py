@@ -30,7 +30,7 @@ from typing import Any
 from pdhe.errors import SceneError
 from pdhe.provenance import canonical, digest
 from pdhe.scene import load_scene
-from pdhe.yamlfile import find_file, read_yaml
+from pdhe.yamlfile import find_file, is_file, read_yaml
 
 STUDY_KEYS = ("name", "scene", "set", "sweep", "cases", "figures")
 CONFIG_KEYS = (
@@ -232,7 +232,7 @@ def load_study(path: str | Path, figures: Mapping[str, Any] | None = None) -> St
         For anything in the file or in the scenes it names that cannot be used.
     """
     file = str(path)
-    if not Path(path).is_file():
+    if not is_file(path):
         raise SceneError(file, "", None, "no such study file")
     content = _mapping(file, "", read_yaml(path))
     for key in content:
@@ -241,7 +241,7 @@ def load_study(path: str | Path, figures: Mapping[str, Any] | None = None) -> St
     for key in study:
         _known(file, f"study.{key}", STUDY_KEYS)
     name = folder_name(file, "study.name", study.get("name", Path(path).stem))
-    style = dict(figures or {})
+    style = _mapping("configuration", "figures", figures or {})
     for block in (content.get("figures"), study.get("figures")):
         style.update(_mapping(file, "study.figures", block or {}))
     for key in style:
@@ -328,7 +328,7 @@ def _scene_file(file: str, key: str, changes: dict[str, Any], study: Mapping[str
     if not isinstance(scene, str):
         raise SceneError(file, key, scene, "needs the path of a scene file", "for example config/scenes/mode_i.yaml")
     found = find_file(scene, [file])
-    if not Path(found).is_file():
+    if not is_file(found):
         beside = Path(file).parent / scene
         raise SceneError(
             file, key, scene, "no such scene file", f"looked for {scene}, {beside} and in folders above it"

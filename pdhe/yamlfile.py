@@ -83,6 +83,15 @@ def _expanded_size(node: Any, known: dict[int, int | None]) -> int:
     return size
 
 
+def _construct_str(loader: _Loader, node: Any) -> str:
+    text = loader.construct_scalar(node)
+    for character in text:
+        # Written as escapes: no file and no terminal takes them.
+        if (ord(character) < 32 and character not in "\t\n\r") or 0xD800 <= ord(character) <= 0xDFFF:
+            raise ConstructorError(None, None, f"the character {character!r} is no text", node.start_mark)
+    return text
+
+
 def _construct_int(loader: _Loader, node: Any) -> int:
     text = loader.construct_scalar(node)
     if len(text) > 100:
@@ -121,7 +130,7 @@ for _name, _pattern, _first in _CORE:
     _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_name}", re.compile(_pattern), _first)
 for _name, _constructor in {
     "null": yaml.SafeLoader.construct_yaml_null,
-    "str": yaml.SafeLoader.construct_yaml_str,
+    "str": _construct_str,
     "seq": yaml.SafeLoader.construct_yaml_seq,
     "map": yaml.SafeLoader.construct_yaml_map,
     "bool": lambda loader, node: loader.construct_scalar(node).lower() == "true",
@@ -137,11 +146,19 @@ def find_file(named: str, beside: Iterable[str | Path]) -> str:
 
     The name itself where there is no such file.
     """
-    if not Path(named).is_file():
+    if not is_file(named):
         for parent in (parent for file in beside for parent in Path(file).resolve().parents):
-            if (parent / named).is_file():
+            if is_file(parent / named):
                 return str(parent / named)
     return named
+
+
+def is_file(path: str | Path) -> bool:
+    """Whether there is such a file; a name that no file can have is none."""
+    try:
+        return Path(path).is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def parse_yaml(text: str, file: str) -> dict[Any, Any]:

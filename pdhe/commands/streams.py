@@ -13,6 +13,7 @@ def read_object(text: str, name: str) -> dict:
     """Read a JSON object given as an option."""
     try:
         value = json.loads(text)
+        json.dumps(value, ensure_ascii=False).encode()  # no characters that no file takes
     except (ValueError, RecursionError) as error:
         raise PdheError(f"{name} is not JSON: {error}") from error
     if not isinstance(value, dict):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-import math
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
@@ -121,7 +121,8 @@ def _si(key: str, value: Any, kind: str) -> float:
 
 
 def _number(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    # Numbers of hundreds of digits are whole, but no number that anything could be measured with.
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
 def _between(low: float, high: float, whole: bool = False) -> tuple[Callable[[Any], bool], str]:

@@ -13,7 +13,7 @@ from pdhe.provenance import digest
 from pdhe.scene import Scene, load_scene
 from pdhe.scene_blocks import FIDELITIES
 from pdhe.study import folder_name
-from pdhe.yamlfile import find_file, read_yaml
+from pdhe.yamlfile import find_file, is_file, read_yaml
 
 #: What may be compared, and what a reader calls it; computed in :mod:`pdhe.tradeoff.quantities`.
 QUANTITIES = {
@@ -144,7 +144,7 @@ def load_trades(config: Mapping[str, Any], configfiles: Iterable[str | Path] = (
     if isinstance(named, Mapping):
         named = next((str(file) for file in configfiles if "tradeoff" in (read_yaml(file) or {})), "")
     found = find_file(named, configfiles) if isinstance(named, str) else ""
-    if not Path(found).is_file():
+    if not is_file(found):
         raise SceneError("configuration", "tradeoff", named, "needs the path of a design")
     return load_design(found)
 
@@ -156,7 +156,14 @@ def load_design(path: str | Path) -> dict[str, Trade]:
     if not isinstance(block, dict) or not block:
         raise SceneError(file, "tradeoff", block, "needs scenes by name", "as in config/studies/tradeoff.yaml")
     names = {key: folder_name(file, f"tradeoff.{key}", key) for key in block}
-    return {name: _trade(file, name, block[key]) for key, name in names.items()}
+    trades = {}
+    for key, name in names.items():
+        try:
+            trades[name] = _trade(file, name, block[key])
+        except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
+            hint = "write it as in config/studies/tradeoff.yaml"
+            raise SceneError(file, f"tradeoff.{name}", None, f"cannot be used ({error})", hint) from error
+    return trades
 
 
 def _trade(file: str, name: str, block: Any) -> Trade:
@@ -187,7 +194,8 @@ def _trade(file: str, name: str, block: Any) -> Trade:
         tuple(block.get("knobs_at") or block["spacings"]), tuple(block.get("together") or ()),
         dict(block.get("set") or {}), tuple(block.get("also") or ()),
     )  # fmt: skip
-    trade.load()  # an error in the scene stops everything before it starts
+    trade.load()  # an error in the scene stops everything before it starts, as one in the lists of settings does
+    trade.runs()
     return trade
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from pdhe.errors import SceneError
 from pdhe.verification.topics import TOPICS
-from pdhe.yamlfile import find_file, read_yaml
+from pdhe.yamlfile import find_file, is_file, read_yaml
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def load_checks(config: Mapping[str, Any], configfiles: Iterable[str | Path] = (
 
 def load_check(path: str) -> Check:
     """Read one check file."""
-    if not Path(path).is_file():
+    if not is_file(path):
         raise SceneError(path, "", None, "no such check file")
     content = read_yaml(path)
     block = content.get("check") if isinstance(content, dict) else None

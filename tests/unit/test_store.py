@@ -15,7 +15,8 @@ from pdhe import cli, store, wholefile
 from pdhe.benchmarks.problems import lattice_nodes
 from pdhe.discretization import read_discretization, write_discretization
 from pdhe.errors import PdheError
-from pdhe.plotting import animate, draw
+from pdhe.plotting import animate, draw, draw_history
+from pdhe.provenance import fingerprint
 from pdhe.scene import Scene
 from pdhe.simulation import solve_case
 from pdhe.study import load_study
@@ -217,12 +218,14 @@ def test_pictures_say_what_made_them(project):
     assert made["command"] == "pdhe solve" and "Python" in made["machine"]
     draw("damage", path, {"dpi": 40}, "damage.png")
     animate("damage", path, {"frames": 2, "frame_width": 200}, "damage.gif")
-    for file, key in (("damage.png", "Source"), ("damage.gif", "comment")):
+    draw_history(path, "history.png")
+    for file, key in (("damage.png", "Source"), ("damage.gif", "comment"), ("history.png", "Source")):
         with Image.open(file) as picture:
             text = picture.info[key]
         told = json.loads(text if isinstance(text, str) else text.decode())
-        names = ("content_sha256", "scene_hash", "code_fingerprint", "versions", "machine", "command")
-        assert told == {name: made[name] for name in names}
+        names = ("content_sha256", "scene", "scene_hash", "code_fingerprint", "versions", "machine", "command")
+        drawn = {"drawn_by": fingerprint("pdhe.plotting"), "drawn_with": made["versions"]}
+        assert told == {name: made[name] for name in names} | drawn
     for ending in ("pdf", "svg"):
         draw("damage", path, None, f"damage.{ending}")
         assert made["content_sha256"].encode() in Path(f"damage.{ending}").read_bytes()
