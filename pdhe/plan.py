@@ -76,6 +76,11 @@ def warnings(case: Case, pilot: Pilot | None = None) -> list[str]:
                 f"crack '{crack.name}' is {length / horizon:.2g} horizons long, too short for its tips not to "
                 "feel each other's nonlocality: make `mesh.spacing` finer"
             )
+    if case.rule is not None and not case.rule.by_energy and scene.mechanics.model == "correspondence":
+        found.append(
+            "under `damage.criterion: stretch` cracks in a correspondence model take twice the energy they should: "
+            "use `energy`"
+        )
     if scene.hydrogen is not None:
         reach = 2.0 * float(np.sqrt(scene.material.diffusivity * scene.time.end))
         if reach < SHARP_FRONT * spacing:

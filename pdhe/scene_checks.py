@@ -288,6 +288,9 @@ def _check_orthotropic(scene: "Scene") -> None:
     if scene.loads is not None and mechanics.model != "correspondence":
         text = f"is not known to model `{mechanics.model}`"
         raise problem(text, "use `mechanics: {model: correspondence}`", "material.orthotropic")
+    if scene.geometry.symmetry:
+        text = "mirrors the axes of the material too, which makes another one of it beyond the mirror line"
+        raise problem(text, "describe the whole body", "geometry.symmetry")
     if scene.damage is not None and material.critical_energy_release_rate is None:
         text = "is missing: `fracture_toughness` gives it for isotropic materials only"
         raise problem(text, "for example `2 kJ/m^2`", "material.critical_energy_release_rate")

@@ -52,6 +52,8 @@ class CorrespondenceBody(Body):
     have come to lie in a row has no gradient any more and only holds on to the states of its neighbours.
     """
 
+    sees_images = True
+
     def __init__(
         self,
         bonds: Bonds,
@@ -63,12 +65,14 @@ class CorrespondenceBody(Body):
         super().__init__(bonds, model, coordinates, volume, precision)
         n = bonds.node_count
         self.stiffness = as_float(model.stiffness())
-        self._tensor, self.inverse, self.control = np.empty((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
+        self._tensor, self.inverse = np.empty((n, 3)), np.zeros((n, 3))
+        #: What resists zero-energy modes, N/m^6; behind that of the nodes, that of images.
+        self.control = np.zeros((len(self._x), 3))
         self._refresh(np.arange(n, dtype=np.int32))
 
     def _refresh(self, nodes: np.ndarray) -> None:
         b = self.bonds
-        kernels.shape(nodes, b.offsets, b.neighbours, self.coordinates, self.cubed, self._tensor)
+        kernels.shape(nodes, b.offsets, b.neighbours, self._x, self.cubed, self._tensor)
         xx, xy, yy = self._tensor[nodes].T
         middle, spread = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
         full = (middle > 0.0) & (middle - spread >= ROW * (middle + spread))
@@ -77,6 +81,16 @@ class CorrespondenceBody(Body):
         stiffness = self.stiffness if len(self.stiffness) == 1 else self.stiffness[nodes]
         found = CONTROLS[self.model.zero_energy](self.model, stiffness, self.inverse[nodes])
         self.control[nodes] = np.where(full, self.model.zero_energy_strength, 0.0)[:, None] * found
+        if b.images is not None:
+            self.control = self._beyond(self.control[: b.node_count], (False, True, False))
+
+    def _beyond(self, values: np.ndarray, turn: tuple[bool, ...]) -> np.ndarray:
+        """Node values (n, k) with those of images behind them, where those marked change sign in a mirror."""
+        images = self.bonds.images
+        if images is None:
+            return values
+        mirrored = np.where(np.array(turn), images.turn[:, None], 1.0) * values[images.source]
+        return np.concatenate([values, mirrored])
 
     def _without(self, both: np.ndarray, nodes: np.ndarray) -> None:
         self._refresh(nodes)
@@ -94,7 +108,7 @@ class CorrespondenceBody(Body):
     def _gradient(self, u: np.ndarray) -> np.ndarray:
         b, out = self.bonds, np.empty((self.bonds.node_count, 4))
         kernels.displacement_gradient(
-            b.offsets, b.neighbours, self.coordinates, self.cubed, self.volume, self.inverse, u, out
+            b.offsets, b.neighbours, self._x, self.cubed, self.volume, self.inverse, self._with_images(u), out
         )
         return out
 
@@ -111,15 +125,15 @@ class CorrespondenceBody(Body):
     def _state(self, gradient: np.ndarray) -> np.ndarray:
         out = np.empty_like(gradient)
         kernels.node_state(self.inverse, self.control, gradient, self._stress(gradient), out)
-        return out
+        return self._beyond(out, (False, True, True, False))
 
     def force(self, u: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Internal force on each node, N (n, 2): minus the derivative of the energy (theory, eq. 2.17)."""
         b, out = self.bonds, np.empty_like(u) if out is None else out
         state = self._state(self._gradient(u))
         kernels.internal_force(
-            b.offsets, b.neighbours, self.coordinates, self.cubed, self.control, state, u, out
-        )  # fmt: skip
+            b.offsets, b.neighbours, self._x, self.cubed, self.control, state, self._with_images(u), out
+        )
         return out
 
     def energy(self, u: np.ndarray) -> np.ndarray:
@@ -127,15 +141,15 @@ class CorrespondenceBody(Body):
         b, u, out = self.bonds, as_float(u), np.empty(self.bonds.node_count)
         gradient = self._gradient(u)
         kernels.elastic_energy(
-            b.offsets, b.neighbours, self.coordinates, self.cubed, self.volume, self.control, gradient,
-            self._stress(gradient), u, out,
+            b.offsets, b.neighbours, self._x, self.cubed, self.volume, self.control, gradient,
+            self._stress(gradient), self._with_images(u), out,
         )  # fmt: skip
         return out
 
     def diagonal(self) -> np.ndarray:
         """Diagonal of the stiffness with all gradients held, N/m (n, 2): what short waves feel."""
         b, out = self.bonds, np.empty_like(self.coordinates)
-        kernels.control_diagonal(b.offsets, b.neighbours, self.coordinates, self.cubed, self.control, out)
+        kernels.control_diagonal(b.offsets, b.neighbours, self._x, self.cubed, self.control, out)
         return out
 
     def stiffness_rows(self) -> np.ndarray:
@@ -148,19 +162,19 @@ class CorrespondenceBody(Body):
         largest = 0.5 * (self.inverse[:, 0] + self.inverse[:, 2]) + np.hypot(
             0.5 * (self.inverse[:, 0] - self.inverse[:, 2]), self.inverse[:, 1]
         )
-        held = 0.5 * (self.control[:, 0] + self.control[:, 2]) + np.hypot(
-            0.5 * (self.control[:, 0] - self.control[:, 2]), self.control[:, 1]
-        )
+        xx, xy, yy = self.control[: self.bonds.node_count].T
+        held = 0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy)
         bound = np.maximum(stiffest * largest, held)
         b, out = self.bonds, np.empty_like(self.coordinates)
-        spring = np.column_stack([bound, np.zeros_like(bound), bound])
-        kernels.control_diagonal(b.offsets, b.neighbours, self.coordinates, self.cubed, spring, out)
+        spring = self._beyond(np.column_stack([bound, np.zeros_like(bound), bound]), (False, False, False))
+        kernels.control_diagonal(b.offsets, b.neighbours, self._x, self.cubed, spring, out)
         return 2.0 * out
 
     def node_parts(self, u: np.ndarray) -> np.ndarray:
-        """What each node adds to the forces of its bonds, N/m^6, and its rotation, rad (n, 5)."""
+        """What each node, and images behind them, add to the forces of bonds, N/m^6, and rotations, rad (n, 5)."""
         gradient = self._gradient(u)
-        return np.column_stack([self._state(gradient), 0.5 * (gradient[:, 2] - gradient[:, 1])])
+        turn = self._beyond(0.5 * (gradient[:, 2:3] - gradient[:, 1:2]), (True,))
+        return np.hstack([self._state(gradient), turn])
 
     def bond_parts(
         self, u: np.ndarray, bond: np.ndarray, owner: np.ndarray, nodes: np.ndarray | None = None
@@ -171,8 +185,8 @@ class CorrespondenceBody(Body):
         the rotation of that end.
         """
         nodes, other = self.node_parts(u) if nodes is None else nodes, self.bonds.neighbours[bond]
-        length = self.bonds.length[bond]
-        dx, dy = ((self.coordinates[other] - self.coordinates[owner]) / length[:, None]).T
+        length, u = self.bonds.length[bond], self._with_images(u)
+        dx, dy = ((self._x[other] - self._x[owner]) / length[:, None]).T
         ex, ey = ((u[other] - u[owner]) / length[:, None]).T
         parts = [dx * ex + dy * ey]
         for end in (owner, other):
@@ -200,9 +214,10 @@ class CorrespondenceBody(Body):
     ) -> tuple[np.ndarray, np.ndarray]:
         """As for any body, without writing anything per bond."""
         b, top, nodes = self.bonds, np.empty(self.bonds.node_count), self.node_parts(u)
+        resistance = resistance if b.images is None else b.images.extend(resistance)
         kernels.largest_ratio(
-            b.offsets, b.neighbours, self.coordinates, self.control, np.ascontiguousarray(nodes[:, :4]),
-            np.ascontiguousarray(nodes[:, 4]), self.normal, by_energy, u, breakable, resistance, top,
+            b.offsets, b.neighbours, self._x, self.control, np.ascontiguousarray(nodes[:, :4]),
+            np.ascontiguousarray(nodes[:, 4]), self.normal, by_energy, self._with_images(u), breakable, resistance, top,
         )  # fmt: skip
         return top, nodes
 

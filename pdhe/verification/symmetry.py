@@ -290,10 +290,12 @@ def operator_cases(spacing: float) -> dict[str, Scene]:
     negative, solid = scenes["quarter, lattice"].resolved(), scenes["quarter, lattice"].resolved()
     negative["material"]["poissons_ratio"] = 0.36
     solid["mechanics"] = {"model": "state-based"}
+    gradients = scenes["quarter, lattice"].resolved() | {"mechanics": {"model": "correspondence"}}
     return scenes | {
         "quarter with a hole, triangles": Scene.from_resolved(triangles),
         "quarter, lattice, Poisson's ratio 0.36": Scene.from_resolved(negative),
         "quarter, lattice, state-based": Scene.from_resolved(solid),
+        "quarter, lattice, correspondence": Scene.from_resolved(gradients),
     }
 
 

@@ -124,3 +124,19 @@ def test_damage_never_heals_and_counts_volume():
     body.break_bonds(once[20:80])
     assert np.all(body.damage() >= first)
     assert np.sum(~body.intact) == 2 * 80
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_what_is_broken_decides_not_in_which_pieces(model):
+    """Checkpoints break the bonds of a fresh body again: it must come out the same to the bit."""
+    x, one = make_body(perturb=0.1, model=model)
+    _, other = make_body(perturb=0.1, model=model)
+    chosen = np.random.default_rng(5).choice(one.bonds.length.size, 200, replace=False)
+    one.break_bonds(chosen)
+    for piece in np.split(chosen, 4):
+        other.break_bonds(piece)
+    u = np.random.default_rng(6).normal(size=x.shape)
+    assert np.array_equal(one.force(u), other.force(u)) and np.array_equal(one.energy(u), other.energy(u))
+    assert np.array_equal(one.bond_loads(u, True), other.bond_loads(u, True))
+    assert np.array_equal(one.stiffness_rows(), other.stiffness_rows())
+    assert np.linalg.norm(one.force(u) - make_body(perturb=0.1, model=model)[1].force(u)) > 0.0

@@ -265,6 +265,12 @@ BAD = {
         "plane strain needs it",
         "give it",
     ),
+    "ply in a mirror": (
+        {**ply(), **GIVEN, "mechanics.model": "correspondence", "geometry.symmetry": ["right"]},
+        "geometry.symmetry",
+        "mirrors the axes",
+        "whole body",
+    ),
     "impossible ply": (
         {**ply(youngs_modulus_2="9000 GPa"), **GIVEN, "mechanics.model": "correspondence"},
         "material.poissons_ratio",

@@ -154,6 +154,7 @@ def test_memory_is_foretold_within_a_fifth(path, changes, tmp_path):
          "nothing arrives"),
         ({"time.end": "1e4 s", "outputs": {"count": 1}, "loads": [{"on": "top", "displacement": {"y": "0.02 mm"}}]},
          "front is not resolved"),
+        ({"mechanics.model": "correspondence"}, "twice the energy they should"),
     ],
 )  # fmt: skip
 def test_warnings(overrides, words):
