@@ -38,7 +38,10 @@ def test_spacing_suits_the_scene(name, fidelity):
     cells = smallest_feature(scene.geometry) / scene.mesh.spacing
     # Squares that fit are not far off; measured: at most 33 % finer (crack between rows).
     assert settings.cells * (1.0 - 1e-9) <= cells <= 1.45 * settings.cells
-    assert scene.solver.tolerance == settings.tolerance and scene.stepping.grouping == settings.grouping
+    assert scene.solver.tolerance == settings.tolerance
+    # With inertia bonds fail as they come: there is nothing to group.
+    grouped = scene.stepping.mode == "events"
+    assert scene.stepping.grouping == (settings.grouping if grouped else None)
     lattice = scene.mesh.cells == "quadrilateral" and not scene.geometry.holes
     assert scene.horizon.ratio == (settings.ratio if lattice else 3.015)
     if lattice:
