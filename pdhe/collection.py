@@ -127,7 +127,8 @@ def _described(name: str) -> dict[str, str]:
     field = FIELDS.get(name)
     if field is not None:
         return {"units": field.unit, "long_name": f"{field.long_name}, at the end"}
-    unit = "J" if name.startswith("energy_") else "s" if name in ("end_time", "growth_start", "growth_end") else "1"
+    units = {"end_time": "s", "growth_start": "s", "growth_end": "s", "crack_speed": "m/s", "crack_direction": "deg"}
+    unit = "J" if name.startswith("energy_") else units.get(name, "1")
     return {"units": unit, "long_name": name.replace("_", " ")}
 
 

@@ -215,7 +215,13 @@ def measure(text: str) -> tuple[float, str]:
     if match is None or len(text) > 100:
         raise QuantityError("is not a quantity", "write a number and a unit")
     factor, dimensions = _unit(match[2]) if match[2] else (1.0, {})
-    known = (kind.unit for kind in KINDS.values() if _unit(kind.unit)[1] == dimensions)
+    # An angle has no dimensions: only its unit tells it from a plain number.
+    angle = re.search(r"\b(rad|deg|degrees?|radians?)\b|°", match[2]) is not None
+    known = (
+        kind.unit
+        for kind in KINDS.values()
+        if _unit(kind.unit)[1] == dimensions and (dimensions or (angle and kind.unit == "rad"))
+    )
     bases = {"[length]": "m", "[mass]": "kg", "[time]": "s", "[substance]": "mol"}
     spelled = " ".join(f"{bases.get(dimension, dimension)}^{power:g}" for dimension, power in dimensions.items())
     return round15(float(match[1]) * factor), next(known, spelled or "1")
