@@ -16,7 +16,6 @@ from pdhe.errors import SceneError
 from pdhe.materials import MODELS, Body, Model, make_body
 from pdhe.materials.constants import Orthotropic
 from pdhe.mirrors import EDGE_AXIS, Symmetry
-from pdhe.relaxation import DynamicRelaxation
 from pdhe.scene import Scene
 from pdhe.scene_mirrors import edge_segments, mirrors_through, region_diagonal
 from pdhe.sizing import SizeField
@@ -24,8 +23,6 @@ from pdhe.solvers import Equilibrium
 from pdhe.stability import NEGATIVE, least_eigenvalue
 from pdhe.transport import Diffusion, Edge, build_diffusion
 
-#: Equilibrium solvers by the name that scenes use.
-SOLVERS = {"conjugate gradients": Equilibrium, "dynamic relaxation": DynamicRelaxation}
 #: Storage of bond weights and rates by the name that scenes use.
 PRECISIONS = {"double": np.float64, "single": np.float32}
 #: Poisson's ratio up to which the stiffness of two-parameter bonds is positive at a horizon of 3 spacings and more.
@@ -127,7 +124,7 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
         if scene.stepping.mode == "dynamic":
             dynamics = _dynamics(scene, d, body, conditions)
         else:
-            equilibrium = SOLVERS[scene.solver.method](
+            equilibrium = Equilibrium(
                 body, conditions.fixed, d.coordinates, d.spacing, scene.solver.tolerance, scene.solver.max_iterations
             )
         if scene.damage is not None:

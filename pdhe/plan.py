@@ -142,7 +142,7 @@ def _mechanics(case: Case) -> str:
     if case.dynamics is not None:
         how = f"with inertia, density {case.scene.material.density:g} kg/m^3"
     else:
-        how = f"equilibrium by {case.scene.solver.method} to {case.equilibrium.tolerance:g}"
+        how = f"equilibrium by conjugate gradients to {case.equilibrium.tolerance:g}"
     return (
         f"mechanics: on, {case.scene.mechanics.model}, plane {case.scene.mechanics.plane}, "
         f"weights {case.scene.mechanics.weights}, {cut} bonds cut by pre-cracks, {how}"

@@ -12,7 +12,7 @@ from typing import Annotated, Any, cast
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from pdhe import scene_fields as fields
-from pdhe.fidelity import fill_in
+from pdhe.fidelity import LONG_RATIO, fill_in, usual_ratio
 from pdhe.scene_blocks import (
     FIDELITIES,
     CoverageCondition,
@@ -79,16 +79,27 @@ class Scene(Block):
     geometry: Geometry
     regions: Annotated[tuple[Region, ...], BeforeValidator(fields.as_list)] | None = None
     mesh: Mesh
-    horizon: Horizon = Horizon(ratio=3.015)
     material: Material
     mechanics: Mechanics = Mechanics()
     loads: Annotated[tuple[Load, ...], BeforeValidator(fields.as_list)] | None = None
     damage: Damage | None = None
+    # After what its default depends on.
+    horizon: Horizon = Field(default=None, validate_default=True)
     hydrogen: Hydrogen | None = None
     time: Time
     stepping: Stepping = Stepping()
     solver: Solver = Solver()
     outputs: Outputs = Field(default=Outputs(), validate_default=True)
+
+    @field_validator("horizon", mode="before")
+    @classmethod
+    def _usual_horizon(cls, horizon: Any, info: ValidationInfo) -> Any:
+        given = info.data
+        if horizon is not None or not {"geometry", "mesh", "mechanics", "loads", "damage"} <= set(given):
+            return Horizon(ratio=LONG_RATIO) if horizon is None else horizon
+        # What the short horizon is worth has been measured with this model.
+        measured = given["loads"] is None or given["mechanics"].model == "condensed rotation"
+        return Horizon(ratio=usual_ratio(given["geometry"], given["mesh"], given["damage"] is None and measured))
 
     @field_validator("outputs", mode="after")
     @classmethod

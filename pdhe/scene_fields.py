@@ -224,6 +224,8 @@ class Block(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
     null_means_off: ClassVar[frozenset[str]] = frozenset()
     """Keys for which an empty value switches something off; elsewhere it stands for the default."""
+    removed: ClassVar[dict[str, str]] = {}
+    """Keys that earlier versions knew, and what to do instead."""
 
     @model_validator(mode="before")
     @classmethod
@@ -235,6 +237,8 @@ class Block(BaseModel):
         if not isinstance(data, dict):
             raise problem("must be a block of keys", f"give {listed}")
         for key in data:
+            if key in cls.removed:
+                raise problem("is no longer a key", cls.removed[key], key=str(key))
             if key not in known:
                 near = difflib.get_close_matches(str(key), known, 1, 0.5)
                 hint = (f"did you mean `{near[0]}`? " if near else "") + f"known keys here: {listed}"

@@ -221,7 +221,7 @@ def _likely_reason(case: Case, node: int | None) -> str:
     if node is None or case.body is None:
         return ""
     solver = case.equilibrium
-    if case.scene.solver.method == "conjugate gradients" and solver.max_iterations < FEW:
+    if solver.max_iterations < FEW:
         return f"; likely reason: {solver.max_iterations} iterations are few, some tens are usual"
     damage = float(case.body.damage()[node])
     if damage > LOOSE:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from pdhe.discretization import Discretization
 from pdhe.kernels import diffusion, lattice, mechanics
 from pdhe.provenance import PACKAGE
 from pdhe.scene import Scene, load_scene
+from pdhe.solvers import Equilibrium
 
 SCENE = PACKAGE.parent / "config" / "scenes" / "mode_i.yaml"
 
@@ -22,6 +23,13 @@ def mode_i(nodes: int, overrides: dict[str, Any] | None = None) -> Case:
     rows = 2 * max(4, round(np.sqrt(nodes / 8.0)))
     scene = load_scene(SCENE, {"mesh.spacing": f"{100.0 / rows!r} mm", **(overrides or {})})
     return build_case(scene, lattice_nodes(scene))
+
+
+def solved_by(solver: type[Equilibrium], case: Case) -> Case:
+    """A case, nothing broken yet, with another solver of equilibria."""
+    d, settings = case.discretization, case.scene.solver
+    arguments = case.body, case.conditions.fixed, d.coordinates, d.spacing, settings.tolerance, settings.max_iterations
+    return replace(case, equilibrium=solver(*arguments))
 
 
 def lattice_nodes(scene: Scene) -> Discretization:

@@ -102,11 +102,10 @@ def _serve(end: Any, nodes: int, rounds: int, threads: int) -> None:
 
 def measure(nodes: int, rounds: int) -> dict[str, Any]:
     """Build the plate and bring it into equilibrium some times, in this process."""
-    from pdhe.case import SOLVERS
     from pdhe.kernels.families import find_families
     from pdhe.solvers import Preconditioner
 
-    _solve(mode_i(800), SOLVERS)  # compiles, or loads what is compiled
+    _solve(mode_i(800))  # compiles, or loads what is compiled
     start = time.perf_counter()
     case = mode_i(nodes)
     build = time.perf_counter() - start
@@ -116,7 +115,7 @@ def measure(nodes: int, rounds: int) -> dict[str, Any]:
     families = time.perf_counter() - start
     solve, preconditioner, iterations = [], [], 0
     for _ in range(rounds):
-        seconds, iterations = _solve(case, SOLVERS)
+        seconds, iterations = _solve(case)
         solve.append(seconds)
         start = time.perf_counter()
         Preconditioner(case.body, ~case.conditions.fixed, d.coordinates, d.spacing)
@@ -127,10 +126,12 @@ def measure(nodes: int, rounds: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _solve(case: Any, solvers: dict[str, Any]) -> tuple[float, int]:
+def _solve(case: Any) -> tuple[float, int]:
     """Seconds and iterations to the equilibrium at full load, from rest, with a preconditioner made for it."""
+    from pdhe.solvers import Equilibrium
+
     d, settings = case.discretization, case.scene.solver
-    equilibrium = solvers[settings.method](
+    equilibrium = Equilibrium(
         case.body, case.conditions.fixed, d.coordinates, d.spacing, settings.tolerance, settings.max_iterations
     )
     prescribed = case.conditions.values(case.scene.time.end)

@@ -13,7 +13,7 @@ from pydantic import TypeAdapter
 
 from pdhe.case import EDGES, build_case
 from pdhe.errors import PdheError, SceneError
-from pdhe.fidelity import SETTINGS, kind_of, smallest_feature, spacing_for
+from pdhe.fidelity import kind_of, smallest_feature, spacing_for
 from pdhe.provenance import PACKAGE
 from pdhe.scene import Scene, load_scene
 from pdhe.scene_fields import Accuracy
@@ -91,19 +91,15 @@ def choose(path: str | Path, progress: Progress | None = None) -> Choice:
         accuracy = TypeAdapter(Accuracy).validate_python(raw.get("accuracy"))
     base = {"accuracy": None, "fidelity": "fine", "mesh.spacing": None}
     scene = load_scene(path, base)
-    kind = kind_of(scene.resolved())
     if scene.stepping.mode == "dynamic":
         text = "cannot be promised with inertia, for which no order of the errors has been measured"
         raise SceneError(file, "accuracy", accuracy, text, "give `mesh.spacing` or a `fidelity` instead")
     if not has_limit(scene):
         text = "cannot be promised: where fresh crack faces are saturated, cracks grow the faster the finer the mesh"
         raise SceneError(file, "accuracy", accuracy, text, "give `mesh.spacing` or a `fidelity` instead")
-    settings = SETTINGS[kind]["fine"]
     changes: dict[str, Any] = {}
     if scene.loads is not None and (raw.get("solver") or {}).get("tolerance") is None:
         changes["solver.tolerance"] = float(f"{TOLERANCE * accuracy:.2g}")
-    if scene.horizon.ratio == settings.ratio and settings.ratio != 3.015:
-        changes["horizon.ratio"] = settings.ratio
     pilots = _fly(scene, lambda h: load_scene(path, {**base, **changes, "mesh.spacing": f"{h!r} m"}), log)
     if pilots.scatter > 0.5 * accuracy:
         text = f"cannot be promised: errors of pilot runs scatter by {100.0 * pilots.scatter:.2g} % about any order"

@@ -7,24 +7,24 @@ from collections.abc import Sequence
 import numpy as np
 
 
-def excess(points: Sequence[tuple[float, float]], slack: float = 0.0) -> list[float]:
+def excess(points: Sequence[tuple[float, float]], floor: float = 0.0) -> list[float]:
     """Work of each point over that of the cheapest point that is no less accurate: 1 on the front.
 
     Parameters
     ----------
     points
         Work and error; points that are not finite get no number and stand in nobody's way.
-    slack
-        Differences of error up to this are not told apart.
+    floor
+        Errors below this are not told apart. Above it they are: what is wrong with a reference is wrong for all runs,
+        and moves their errors together.
     """
-    good = [(work, error) for work, error in points if np.isfinite(work) and np.isfinite(error)]
+    good = [(work, max(error, floor)) for work, error in points if np.isfinite(work) and np.isfinite(error)]
     found = []
     for work, error in points:
         if not (np.isfinite(work) and np.isfinite(error)):
             found.append(np.nan)
             continue
-        # The cheapest one that is as accurate; and it must not be the point itself that wins by slack alone.
-        found.append(work / min(w for w, e in good if e <= error or (w < work and e <= error + slack)))
+        found.append(work / min(w for w, e in good if e <= max(error, floor)))
     return found
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import gc
+import math
 import tempfile
 import time
 from collections.abc import Sequence
@@ -45,7 +46,8 @@ reference, relative to the reference's largest value.
 Work is counted: sweeps over all bonds times directed bonds, forces and diffusion together; it is the same on every
 machine. Times are processor times of one thread, set-up and output included, and mean something only in relation to
 each other. Memory is the peak above what the process held before. `excess` is the work over that of the cheapest run
-that is no less accurate, the reference's uncertainty allowed: 1 on the front."""
+that is no less accurate, 1 on the front; errors below the reference's uncertainty, {uncertainty}, are not told
+apart."""
 
 
 @dataclass
@@ -86,6 +88,7 @@ def measure(trade: Trade, progress: Progress | None = None) -> Report:
         runs=len(outcomes), scene=trade.scene, ladder=len(trade.reference["spacings"]),
         changed="changed as the design says" if trade.changes else "as it is",
         headline=", ".join(QUANTITIES[name] for name in trade.quantities),
+        uncertainty=f"{100 * uncertainty:.2g} %",
         uncertainties=", ".join(
             f"{QUANTITIES[name]} {100 * limit.uncertainty:.2g} %" for name, limit in limits.items()
         ),
@@ -122,7 +125,11 @@ def limits_of(trade: Trade, outcomes: Sequence[Outcome]) -> dict[str, Limit]:
         if outcome.problem:
             raise PdheError(f"{trade.file}: {trade.name}: the reference cannot be run: {outcome.problem}")
     spacings = [outcome.scene.mesh.spacing for outcome in ladder]
-    return {name: limit_of(spacings, [outcome.values[name] for outcome in ladder]) for name in trade.all_quantities}
+    end = ladder[0].scene.time.end  # the time of what does not happen
+    return {
+        name: limit_of(spacings, [outcome.values[name] for outcome in ladder], end if name == "crack" else math.inf)
+        for name in trade.all_quantities
+    }
 
 
 def table_of(outcomes: Sequence[Outcome], uncertainty: float) -> list[dict[str, Any]]:

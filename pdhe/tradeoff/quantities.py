@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -12,8 +13,9 @@ from scipy.optimize import minimize_scalar
 
 from pdhe.scene import Scene
 
-#: Times at which histories are compared.
+#: Times at which histories are compared, and lengths at which growing cracks are.
 SAMPLES = 40
+LENGTHS = 400
 #: Orders of convergence that are believed.
 ORDERS = (0.5, 3.0)
 #: An order other than the first is believed where its fit leaves less than this share of the misfit.
@@ -44,7 +46,7 @@ def standard_values(result: xr.Dataset, scene: Scene) -> dict[str, np.ndarray]:
     names += [name for name in ("elastic_energy", "mean_coverage") if name in result]
     values = {name: _history(result, scene, name) for name in names}
     if "crack_length" in result:
-        return values | {"crack": _crack(result, scene, 0.0)}
+        return values | {"crack": _crack_in_time(result, scene)}
     if "displacement" in result:
         sets, displacement = json.loads(result.attrs["node_sets"]), result["displacement"].values[-1]
         for crack in scene.geometry.cracks:
@@ -67,6 +69,20 @@ def _growth(result: xr.Dataset) -> np.ndarray:
 
 
 def _crack(result: xr.Dataset, scene: Scene, failure: float) -> np.ndarray:
+    """Times at which the crack first has grown by each of :data:`LENGTHS` lengths, s; the end time if it never has.
+
+    The area between two histories is the same along either axis. But a crack that jumps is a step in time: the mean of
+    steps on several meshes is no step, that of the times at which they happen is such a time.
+    """
+    longest = max((math.dist(crack.start, crack.end) for crack in scene.geometry.cracks), default=0.0)
+    room = max(scene.geometry.width, scene.geometry.height) - longest
+    lengths = room * (np.arange(LENGTHS) + 0.5) / LENGTHS
+    largest = np.maximum.accumulate(_growth(result))
+    first = np.searchsorted(largest, lengths)
+    return np.append(result["history_time"].values, scene.time.end)[first]
+
+
+def _crack_in_time(result: xr.Dataset, scene: Scene) -> np.ndarray:
     # Constant between failures: the last entry until each time is the value at it.
     last = np.searchsorted(result["history_time"].values, _times(scene), side="right") - 1
     return _growth(result)[last]
@@ -130,16 +146,20 @@ class Limit:
         Largest distance from it of the limits that fits of the same order give without one of the meshes, relative.
     finest
         Distance of the finest mesh from the limit, relative.
+    told
+        Entries that some mesh reaches, bool: errors are means over them. Times at which cracks have lengths that they
+        never reach would dilute them.
     """
 
     value: np.ndarray
     order: float
     uncertainty: float
     finest: float
+    told: np.ndarray
 
     def error(self, value: np.ndarray) -> float:
         """Mean distance of a value from the limit, relative to the limit's largest entry."""
-        return distance(value, self.value)
+        return distance(value[self.told], self.value[self.told])
 
 
 def distance(value: np.ndarray, limit: np.ndarray) -> float:
@@ -150,18 +170,25 @@ def distance(value: np.ndarray, limit: np.ndarray) -> float:
     return float(np.nan_to_num(np.abs(value - limit), nan=MISSING * scale).mean()) / scale
 
 
-def limit_of(spacings: Sequence[float], values: Sequence[np.ndarray]) -> Limit:
+def limit_of(spacings: Sequence[float], values: Sequence[np.ndarray], never: float = math.inf) -> Limit:
     """Extrapolate a quantity to zero spacing (Richardson): least squares of ``q + c h^p`` over at least four meshes.
 
     Fits use all meshes, because those of fracture scatter (a crack advances cell by cell), and extrapolating the two
     finest would multiply their scatter (Eça and Hoekstra, J. Comput. Phys. 262, 2014).
+
+    Parameters
+    ----------
+    never
+        Value that stands for what does not happen.
     """
     h, q = np.asarray(spacings, float), np.array(values, float)
-    order = _order(h, q)
+    told = ~(q == never).all(axis=0)
+    told |= not told.any()
+    order = _order(h, q[:, told])
     value = _fit(h, q, order)[0]
     kept = [np.arange(h.size) != k for k in range(h.size)]
-    spread = max(distance(_fit(h[rows], q[rows], order)[0], value) for rows in kept)
-    return Limit(value, order, spread, distance(q[-1], value))
+    spread = max(distance(_fit(h[rows], q[rows], order)[0][told], value[told]) for rows in kept)
+    return Limit(value, order, spread, distance(q[-1][told], value[told]), told)
 
 
 def _order(h: np.ndarray, q: np.ndarray) -> float:

@@ -405,6 +405,12 @@ BAD = {
     # time, stepping, solver, outputs
     "negative end": ({"time.end": "-1 s"}, "time.end", "must not be negative", "`40 h`"),
     "fixed without counts": ({"stepping.mode": "fixed"}, "stepping.load_steps", "is missing", "`diffusion_substeps`"),
+    "method of earlier versions": (
+        {"solver.method": "dynamic relaxation"},
+        "solver.method",
+        "is no longer a key",
+        "leave it out",
+    ),
     "fixed with grouping": (
         {"stepping": {"mode": "fixed", "grouping": 0.1, "load_steps": 9, "diffusion_substeps": 9}},
         "stepping.grouping",

@@ -98,7 +98,6 @@ SCENES = {
     "ramps": ("smoke", RAMPS, 17),
     "fixed": ("smoke", FIXED, 29),
     "half": ("mode_i_half", {"mesh.spacing": "10 mm", "outputs.every": None, "outputs.count": 12}, 29),
-    "relaxation": ("smoke", {**COARSE, "solver.method": "dynamic relaxation", "time.end": "6e6 s"}, 19),
     "long diffusion steps": ("diffusion", SLAB, 9),
     "triangles": ("smoke", {**COARSE, "mesh.cells": "triangle"}, 37),
     "graded": ("mode_i_graded", GRADED, 131),

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from pdhe.errors import SceneError
-from pdhe.fidelity import SETTINGS, smallest_feature
+from pdhe.fidelity import LONG_RATIO, SETTINGS, smallest_feature
 from pdhe.scene import Scene, load_scene
 from pdhe.scene_blocks import FIDELITIES
 from pdhe.scene_checks import square_cells
@@ -24,13 +24,12 @@ def test_every_kind_of_scene_has_every_fidelity_from_cheap_to_accurate():
         assert tuple(settings) == FIDELITIES
         for coarse, fine in zip(list(settings.values())[:-1], list(settings.values())[1:], strict=True):
             assert fine.cells > coarse.cells
-            assert fine.tolerance <= coarse.tolerance and fine.grouping <= coarse.grouping
+            assert fine.tolerance <= coarse.tolerance
 
 
 @pytest.mark.parametrize("fidelity", FIDELITIES)
 @pytest.mark.parametrize("name", sorted(path.stem for path in SCENES.glob("*.yaml")))
 def test_spacing_suits_the_scene(name, fidelity):
-    # The horizon of the scene is put back to its default, so that the fidelity's own one is looked at.
     scene = filled(name, fidelity, horizon=None)
     kind = next(kind for block, kind in (("damage", "fracture"), ("loads", "elastic"), ("time", "diffusion"))
                 if getattr(scene, block) is not None)  # fmt: skip
@@ -39,11 +38,8 @@ def test_spacing_suits_the_scene(name, fidelity):
     # Squares that fit are not far off; measured: at most 33 % finer (crack between rows).
     assert settings.cells * (1.0 - 1e-9) <= cells <= 1.45 * settings.cells
     assert scene.solver.tolerance == settings.tolerance
-    # With inertia bonds fail as they come: there is nothing to group.
-    grouped = scene.stepping.mode == "events"
-    assert scene.stepping.grouping == (settings.grouping if grouped else None)
     lattice = scene.mesh.cells == "quadrilateral" and not scene.geometry.holes
-    assert scene.horizon.ratio == (settings.ratio if lattice else 3.015)
+    assert scene.horizon.ratio == (1.515 if lattice and kind != "fracture" else 3.015)
     if lattice:
         assert not square_cells(scene.geometry.width, scene.geometry.height, scene.mesh.spacing)[2]
         for crack in scene.geometry.cracks:
@@ -54,7 +50,6 @@ def test_spacing_suits_the_scene(name, fidelity):
 def test_what_a_scene_says_wins():
     scene = load_scene(SCENES / "mode_i.yaml", {"fidelity": "draft", "solver.tolerance": 1e-5})
     assert scene.mesh.spacing == 1e-3 and scene.horizon.ratio == 3.015 and scene.solver.tolerance == 1e-5
-    assert scene.stepping.grouping == SETTINGS["fracture"]["draft"].grouping
     fixed = {"stepping.mode": "fixed", "stepping.load_steps": 10, "stepping.diffusion_substeps": 100}
     assert filled("mode_i", "draft", **fixed).stepping.grouping is None
 
@@ -62,7 +57,7 @@ def test_what_a_scene_says_wins():
 def test_a_horizon_that_is_given_is_resolved():
     scene = filled("mode_i", "draft", **{"horizon": {"length": "6 mm"}})
     assert scene.horizon_length == 6e-3
-    assert scene.mesh.spacing <= 6e-3 / SETTINGS["fracture"]["draft"].ratio
+    assert scene.mesh.spacing <= 6e-3 / LONG_RATIO
 
 
 def test_fidelity_is_kept_with_what_it_meant():

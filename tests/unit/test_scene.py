@@ -77,19 +77,42 @@ def test_absent_blocks_are_none_and_defaults_are_those_given(tmp_path):
     assert scene.hydrogen is None
     assert not {"damage", "hydrogen"} & set(scene.resolved())
     given = {
-        "horizon": {"ratio": 3.015},
+        "horizon": {"ratio": 1.515},
         "mechanics": {"model": "condensed rotation", "weights": "moment matched", "partial_volume": "auto"},
         "mesh.cells": "quadrilateral",
         "geometry.cracks": [],
         "loads.0.at": "edge",
-        "stepping": {"mode": "events", "grouping": 0.05},
-        "solver": {"tolerance": "1e-5", "max_iterations": 5000},
+        "stepping": {"mode": "events", "grouping": 0.01},
+        "solver": {"tolerance": "1e-4", "max_iterations": 5000},
         "outputs": {"count": 40},
         "damage": None,
     }
     for key, value in given.items():
         written = load_scene(tmp_path / "scene.yaml", {key: value})
         assert written.resolved() == scene.resolved(), key
+
+
+@pytest.mark.parametrize(
+    ("changes", "ratio"),
+    [
+        pytest.param({}, 1.515, id="nothing breaks"),
+        pytest.param({"damage": {}}, 3.015, id="bonds break"),
+        pytest.param({"mechanics.model": "thesis spring"}, 3.015, id="another model"),
+        pytest.param({"mesh.cells": "triangle"}, 3.015, id="irregular nodes"),
+        pytest.param(
+            {"geometry.holes": [{"name": "pin", "centre": ["50 mm", "50 mm"], "radius": "10 mm"}]}, 3.015, id="hole"
+        ),
+        # 4 cells of 25 mm where 22.4 mm were asked for: 1.515 times that would leave their diagonals out.
+        pytest.param(
+            {"geometry.plate.width": "100 mm", "mesh.spacing": "22.4 mm"}, 3.015, id="does not divide the sides"
+        ),
+        pytest.param({"horizon": {"ratio": 2.5}}, 2.5, id="given"),
+    ],
+)
+def test_the_usual_horizon_is_short_where_nothing_breaks_on_a_lattice(changes, ratio, tmp_path):
+    scene = load_scene(ROOT / "config/scenes/elastic.yaml", changes)
+    assert scene.horizon.ratio == ratio
+    assert Scene.from_resolved(scene.resolved()) == scene
 
 
 def test_the_same_quantity_in_other_units_is_the_same_scene(tmp_path):

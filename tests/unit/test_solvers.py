@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
-from pdhe.case import SOLVERS
 from pdhe.errors import SimulationError
-from pdhe.relaxation import fictitious_mass
+from pdhe.relaxation import DynamicRelaxation, fictitious_mass
+from pdhe.solvers import Equilibrium
 from tests.lattices import make_body
+
+SOLVERS = {"conjugate gradients": Equilibrium, "dynamic relaxation": DynamicRelaxation}
 
 
 def pulled(body, x, method, tolerance=1e-8, most=20000):

@@ -57,6 +57,30 @@ def test_sweep_and_cases_give_every_combination(write):
     assert study.cases[0].solve_id == study.cases[2].solve_id
 
 
+@pytest.mark.parametrize(
+    ("block", "key"),
+    [
+        pytest.param({"set": {"accuracy": "2 %", "mesh.spacing": None}}, "set.accuracy", id="for all cases"),
+        pytest.param(
+            {"set": {"mesh.spacing": None}, "sweep": {"accuracy": ["2 %", "5 %"]}}, "sweep.accuracy", id="swept"
+        ),
+        pytest.param(
+            {"cases": {"a": {"accuracy": "2 %", "mesh.spacing": None}, "b": {}}}, "cases.a.accuracy", id="in one case"
+        ),
+    ],
+)
+def test_an_accuracy_that_would_choose_the_spacing_of_a_case_is_refused(write, block, key):
+    with pytest.raises(SceneError, match=rf"key 'study\.{re.escape(key)}'.*`pdhe choose`"):
+        load_study(write(**block))
+
+
+def test_cases_may_differ_in_fidelity_and_keep_an_accuracy_beside_a_spacing(write):
+    study = load_study(write(set={"accuracy": "2 %"}, cases={"a": {}, "b": {"accuracy": None, "mesh.spacing": None,
+                                                                           "fidelity": "draft"}}))  # fmt: skip
+    assert [case.resolved.get("accuracy") for case in study.cases] == [0.02, None]
+    assert [case.resolved["mesh"]["spacing"] for case in study.cases] == pytest.approx([5e-3, 25e-3 / 3])
+
+
 def test_keys_that_end_alike_are_written_in_full(write):
     sweep = {"loads.0.displacement.y": ["1 um"], "loads.1.displacement.y": ["-1 um"]}
     assert names(load_study(write(sweep=sweep))) == ["loads.0.displacement.y=1um_loads.1.displacement.y=-1um"]
