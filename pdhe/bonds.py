@@ -262,6 +262,14 @@ class Bonds(Families):
         positions = self.images.positions
         return self.images.symmetry.inside(0.5 * (positions[owner] + positions[self.neighbours[bond]]))
 
+    def alone(self) -> Families:
+        """The families without what only forces need."""
+        part = self.within()
+        return Families(
+            offsets=part.offsets, neighbours=part.neighbours, length=part.length, horizon=part.horizon,
+            lattice=part.lattice, horizons=part.horizons,
+        )  # fmt: skip
+
     def within(self) -> Families:
         """The families of the part alone, without images."""
         if self.images is None:

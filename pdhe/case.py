@@ -36,6 +36,8 @@ class Case:
 
     Attributes
     ----------
+    bonds
+        Without loads only what an exchange of hydrogen needs to know of them.
     equilibrium, conditions
         Mechanics and its prescribed displacements; None without ``loads``.
     rule
@@ -48,7 +50,7 @@ class Case:
 
     scene: Scene
     discretization: Discretization
-    bonds: Bonds
+    bonds: Bonds | Families
     equilibrium: Equilibrium | None
     conditions: DisplacementConditions | None
     rule: FailureRule | None
@@ -130,7 +132,9 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
         if scene.damage is not None:
             rule = _failure_rule(scene, d, bonds, model)
     if scene.hydrogen is not None:
-        diffusion = _diffusion(scene, d, bonds.within(), partial)
+        exchange = bonds.within() if scene.loads is not None else bonds.alone()
+        diffusion = _diffusion(scene, d, exchange, partial)
+        bonds = exchange if scene.loads is None else bonds
     return Case(scene, d, bonds, equilibrium, conditions, rule, diffusion, dynamics)
 
 

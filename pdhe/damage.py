@@ -20,22 +20,25 @@ def crossing_sum(bonds: Bonds, volume: np.ndarray) -> float:
     run. Only nodes whose family is whole enter (all of them where none is). Where the horizon varies, every bond counts
     with its fineness, which makes the sum that of the reference horizon (theory, eq. 5.11).
     """
-    size = np.diff(bonds.offsets)
-    interior = size >= 0.95 * np.median(size)
+    size, within = np.diff(bonds.offsets), np.diff(bonds.offsets)
+    if bonds.horizons is not None:  # how many others see a node depends on how the horizon varies
+        within = bonds.sum_by_node((bonds.length <= bonds.horizons[bonds.owners()]).astype(np.int64))
+    interior = within >= 0.95 * np.median(within)
     inside = np.repeat(interior, size)
     angle = np.arctan2(bonds.ny[inside], bonds.nx[inside]) % np.pi
     sectors = 3600
     sector = np.rint(angle * (sectors / np.pi)).astype(np.int64) % sectors
-    weight = bonds.weight * bonds.length**2
+    weight, area = bonds.weight * bonds.length**2, volume[interior].sum()
     if bonds.fineness is not None:
-        weight *= bonds.fineness
+        # Every node counts alike: most are where the mesh is fine, and that is where cracks run.
+        weight, area = weight * bonds.fineness / volume[bonds.owners()], interior.sum()
     by_direction = np.bincount(sector, weight[inside], sectors)
     if bonds.images is not None:  # the images of these bonds are in the body as well
         by_direction = 0.5 * (by_direction + by_direction[-np.arange(sectors)])
     direction = np.pi / sectors * np.arange(sectors)
     normals = np.pi / 180.0 * np.arange(180)
     across = np.abs(np.cos(direction[None, :] - normals[:, None])) @ by_direction
-    return float(0.5 * across.min() / volume[interior].sum())
+    return float(0.5 * across.min() / area)
 
 
 def critical_stretch(model: Model, crossing: float, toughness: float, calibration: str) -> float:

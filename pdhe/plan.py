@@ -119,9 +119,8 @@ def _lengths(case: Case) -> str:
 
 def bond_bytes(case: Case) -> int:
     """Memory of everything that is stored bond by bond."""
-    arrays = [getattr(case.bonds, name) for name in ("neighbours", "reverse", "length", "nx", "ny", "weight", "cut")]
-    if case.bonds.fineness is not None:
-        arrays += [case.bonds.fineness, case.bonds.horizons]
+    names = ("neighbours", "reverse", "length", "nx", "ny", "weight", "cut", "fineness", "horizons")
+    arrays = [array for name in names if (array := getattr(case.bonds, name, None)) is not None]
     if case.body is not None:
         arrays += [case.body.cubed, case.body.intact]
     if case.diffusion is not None:

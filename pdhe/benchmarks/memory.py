@@ -75,8 +75,7 @@ def weigh(nodes: int) -> dict[str, Any]:
     bonds = case.bonds.neighbours.size
     gc.collect()
     arrays = {}
-    seen: set[int] = set()
-    for name, array in _arrays(case, "", seen, 4):
+    for name, array in arrays_of(case):
         if array.size >= 0.9 * bonds:
             arrays[name] = array.nbytes
     return {
@@ -89,6 +88,11 @@ def weigh(nodes: int) -> dict[str, Any]:
 def _coverage(case: Any) -> tuple:
     n = case.discretization.volume.size
     return np.zeros(n), 1.0, np.zeros(n, bool), np.zeros(n), np.empty(n), np.zeros(n)
+
+
+def arrays_of(case: Any) -> Iterator[tuple[str, np.ndarray]]:
+    """All arrays that a case holds, each once, with the way to them."""
+    return _arrays(case, "", set(), 4)
 
 
 def _arrays(thing: Any, name: str, seen: set[int], depth: int) -> Iterator[tuple[str, np.ndarray]]:

@@ -5,7 +5,7 @@ import pytest
 
 from pdhe.bonds import Grading, build_bonds
 from pdhe.case import build_case
-from pdhe.damage import nearest_failure
+from pdhe.damage import crossing_sum, nearest_failure
 from pdhe.discretization import discretize
 from pdhe.materials import MODELS, make_body
 from pdhe.mesh import make_mesh
@@ -214,3 +214,20 @@ def test_nearest_failure_finds_the_weakest_bond(case, wet):
     load = np.where(case.rule.may_fail & case.body.intact, case.body.bond_loads(u, case.rule.by_energy), 0.0)
     expected = (load / case.rule.resistance_at(mean, np.arange(owner.size))).max()
     assert nearest_failure(case.body, case.rule, u, psi) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("ratio", [RATIO, 4.0])
+def test_the_calibration_does_not_depend_on_how_a_mesh_becomes_coarser(ratio):
+    """A strip so low that coarse families are hardly ever whole, with the same fine part each time."""
+    path = {"from": [0.028, 0.02], "to": [0.048, 0.02], "spacing": 1e-3, "within": 4.5e-3}
+    found = []
+    for coarse, growth in ((2.5e-3, 0.1), (2.5e-3, 0.2), (3e-3, 0.2)):
+        plate, reference, grading = graded_plate(
+            0.06, 0.04, ratio, {"spacing": coarse, "growth": growth, "refine": [path]}
+        )
+        bonds = plate_body(plate, reference, partial="ramp", grading=grading).bonds
+        # Over the integral over a full disc, h delta^4 / 2 (eqs. 5.3 and 5.4).
+        found.append(crossing_sum(bonds, plate.volume) / (0.5 * THICKNESS * reference**4))
+    # Measured 0.008 and 0.022; 0.017 and 0.039 with families chosen by their size and counted by their volume.
+    assert np.ptp(found) < 0.03, found
+    assert min(found) > 0.98 and max(found) < 1.06, found  # uniform triangles have 1.05 and 1.03

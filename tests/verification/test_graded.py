@@ -7,6 +7,7 @@ def test_graded_meshes_are_no_worse_than_uniform_ones(tmp_path):
         growths=(0.15,),
         ratios=(3.015,),
         strip_cells=(48, 32, 14),
+        strips=1,
         spacing=2e-3,
         end=2.8e6,
         lengths=(2e-3,),
