@@ -7,11 +7,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from pdhe.case import EDGES, Case
+from pdhe.case import Case
 from pdhe.damage import Candidates
 from pdhe.errors import SimulationError
 from pdhe.results import Recorder
-from pdhe.segments import distance_to_segment
 from pdhe.state import Motion, State
 from pdhe.strides import first_crossing, share_until_failure, stepper_of, stride, work_booked
 from pdhe.supersteps import SHORTEST
@@ -67,7 +66,7 @@ def hold_prescribed_coverage(case: Case, state: State) -> None:
     """Set the coverage of node sets with a prescribed value, and of saturated nodes, to that of the present time."""
     hydrogen = case.scene.hydrogen
     for condition in hydrogen.boundary:
-        if condition.on not in EDGES:
+        if condition.on not in case.diffusion.exchange:
             nodes = case.discretization.node_sets[condition.on]
             _set_coverage(case, state, nodes, condition.coverage(state.time))
     if hydrogen.saturation is not None:
@@ -136,7 +135,7 @@ def _diffuse_until(
     between: Callable[[], None],
 ) -> bool:
     diffusion, hydrogen = case.diffusion, case.scene.hydrogen
-    edges = [c for c in hydrogen.boundary if c.on in EDGES]
+    edges = [c for c in hydrogen.boundary if c.on in diffusion.exchange]
     # Histories have no corner before `until`: equal at both ends, they are constant.
     steady = all(c.coverage(state.began) == c.coverage(until) for c in hydrogen.boundary)
     if candidates is not None and motion.moving:
@@ -223,7 +222,8 @@ def _diffuse_far(case: Case, state: State, until: float, between: Callable[[], N
 
 def substep(case: Case, state: State, until: float) -> None:
     """One forward Euler step up to ``until``, as fixed stepping asks for."""
-    diffusion, edges = case.diffusion, [c for c in case.scene.hydrogen.boundary if c.on in EDGES]
+    diffusion = case.diffusion
+    edges = [c for c in case.scene.hydrogen.boundary if c.on in diffusion.exchange]
     source = diffusion.source({c.on: c.coverage(state.time) for c in edges})
     new = np.empty_like(state.coverage)
     diffusion.step(state.coverage, until - state.time, state.held, source, new, state.supply)
@@ -286,7 +286,7 @@ def note_broken(case: Case, state: State, bond: np.ndarray, i: np.ndarray, j: np
     short = case.bonds.length[bond] <= 1.5 * 0.5 * (d.spacing[i] + d.spacing[j])
     if short.any() and case.scene.geometry.cracks:
         middle = case.bonds.middles(d.coordinates, i[short], bond[short])
-        away = np.min([distance_to_segment(middle, c.start, c.end) for c in case.scene.geometry.cracks], axis=0)
+        away = case.from_cracks(middle)
         if away.max() > state.crack_extension:
             state.crack_extension = float(away.max())
             state.crack_tip = middle[int(away.argmax())]

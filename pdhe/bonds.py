@@ -222,6 +222,8 @@ class Bonds(Families):
         Where the horizon varies: the reference horizon over that of the bond (b,) (theory, eq. 3.7); else None.
     images
         Images of nodes beyond mirror lines; None where the nodes are the whole body.
+    nz
+        Third component of the unit vector (b,) in space; None in the plane.
     """
 
     reverse: np.ndarray
@@ -231,6 +233,12 @@ class Bonds(Families):
     cut: np.ndarray
     fineness: np.ndarray | None = None
     images: Images | None = None
+    nz: np.ndarray | None = None
+
+    @property
+    def dimension(self) -> int:
+        """2 in the plane, 3 in space."""
+        return 2 if self.nz is None else 3
 
     def far(self, bond: np.ndarray | slice = slice(None)) -> np.ndarray:
         """Node at the far end of some directed bonds, or the one that the image there is of."""

@@ -8,7 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 #: Edge pairs between which prescribed displacements are interpolated to the cell centroids: edge -> (opposite, axis).
-OPPOSITE = {"left": ("right", 0), "right": ("left", 0), "bottom": ("top", 1), "top": ("bottom", 1)}
+OPPOSITE = {
+    "left": ("right", 0), "right": ("left", 0), "bottom": ("top", 1), "top": ("bottom", 1), "front": ("back", 2),
+    "back": ("front", 2),
+}  # fmt: skip
+#: Those at the upper end of their axis.
+UPPER = ("right", "top", "back")
 
 
 @dataclass(frozen=True)
@@ -18,7 +23,7 @@ class Prescribed:
     Attributes
     ----------
     on, component
-        Node set, and 0 for x or 1 for y.
+        Node set, and 0 for x, 1 for y or 2 for z.
     value
         Displacement of the edge, m, as a function of time, s.
     corners
@@ -50,7 +55,7 @@ class DisplacementConditions:
     Attributes
     ----------
     fixed
-        Degrees of freedom with a prescribed value, bool (n, 2).
+        Degrees of freedom with a prescribed value, bool (n, dim).
     """
 
     def __init__(
@@ -58,7 +63,7 @@ class DisplacementConditions:
         prescribed: list[Prescribed],
         node_sets: dict[str, np.ndarray],
         coordinates: np.ndarray,
-        size: tuple[float, float],
+        size: tuple[float, ...],
         mirrors: tuple[str, ...] = (),
         times: Mapping[tuple[str, int], float] | None = None,
     ) -> None:
@@ -76,26 +81,27 @@ class DisplacementConditions:
             if opposite in mirrors and axis == load.component and load.at == "edge":
                 # The image moves the other way, so that a uniform strain leaves the mirror line at rest.
                 place = coordinates[nodes, axis] / size[axis]
-                self._patterns.append((index, axis, nodes, place if load.on in ("right", "top") else 1.0 - place))
+                self._patterns.append((index, axis, nodes, place if load.on in UPPER else 1.0 - place))
                 continue
             if partner is None:
                 self._patterns.append((index, load.component, nodes, np.ones(nodes.size)))
                 continue
             place = coordinates[nodes, axis] / size[axis]
-            own = place if load.on in ("right", "top") else 1.0 - place
+            own = place if load.on in UPPER else 1.0 - place
             self._patterns.append((index, load.component, nodes, own))
             self._patterns.append((prescribed.index(partner), load.component, nodes, 1.0 - own))
         self.corners = sorted({t for load in prescribed for t in load.corners})
 
     def _partner(self, load: Prescribed) -> Prescribed | None:
-        if load.at != "edge" or load.on not in OPPOSITE:
+        # In the plane `front` and `back` are names like others.
+        if load.at != "edge" or OPPOSITE.get(load.on, ("", self.shape[1]))[1] >= self.shape[1]:
             return None
         opposite = OPPOSITE[load.on][0]
         found = [p for p in self.prescribed if p.on == opposite and p.component == load.component and p.at == "edge"]
         return found[0] if found else None
 
     def values(self, t: float) -> np.ndarray:
-        """Prescribed displacements at time t, m (n, 2); zero where nothing is prescribed."""
+        """Prescribed displacements at time t, m (n, dim); zero where nothing is prescribed."""
         result = np.zeros(self.shape)
         amount = [load.value(t) for load in self.prescribed]
         for index, component, nodes, factor in self._patterns:
@@ -128,5 +134,5 @@ class DisplacementConditions:
         found = {}
         for on, component in [(load.on, load.component) for load in self.prescribed]:
             held = -float(force[self.node_sets[on], component].sum())
-            found[f"reaction_{on}_{'xy'[component]}"] = self.times.get((on, component), 1.0) * held
+            found[f"reaction_{on}_{'xyz'[component]}"] = self.times.get((on, component), 1.0) * held
         return found

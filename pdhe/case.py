@@ -18,15 +18,18 @@ from pdhe.materials.constants import Orthotropic
 from pdhe.mirrors import EDGE_AXIS, Symmetry
 from pdhe.scene import Scene
 from pdhe.scene_mirrors import edge_segments, mirrors_through, region_diagonal
+from pdhe.segments import distance_to_segment
 from pdhe.sizing import SizeField
+from pdhe.solid_bonds import build_solid_bonds
 from pdhe.solvers import Equilibrium
 from pdhe.stability import NEGATIVE, least_eigenvalue
+from pdhe.surfaces import surface_of
 from pdhe.transport import Diffusion, Edge, build_diffusion
 
 #: Storage of bond weights and rates by the name that scenes use.
 PRECISIONS = {"double": np.float64, "single": np.float32}
 #: Poisson's ratio up to which the stiffness of two-parameter bonds is positive at a horizon of 3 spacings and more.
-SAFE_POISSON = {"stress": 0.45, "strain": 0.32}
+SAFE_POISSON = {"stress": 0.45, "strain": 0.32, None: 0.3}
 EDGES = ("left", "right", "bottom", "top")
 
 
@@ -62,6 +65,13 @@ class Case:
         """How many times the nodes make up the whole body; 1 without mirror lines."""
         return 2 ** len(self.scene.geometry.symmetry or ())
 
+    def from_cracks(self, points: np.ndarray) -> np.ndarray:
+        """Distance of points (k, dim) from the nearest pre-crack, m (k,)."""
+        cracks, thickness = self.scene.geometry.cracks, self.discretization.thickness
+        if self.discretization.dimension == 3:
+            return np.min([surface_of(crack, thickness).distance(points) for crack in cracks], axis=0)
+        return np.min([distance_to_segment(points, crack.start, crack.end) for crack in cracks], axis=0)
+
     @property
     def body(self) -> Body | None:
         """Bonds with their present breakage."""
@@ -94,7 +104,7 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
             "scene", "geometry.symmetry", list(scene.geometry.symmetry), f"is not there for `{scene.mechanics.model}`",
             "describe the whole body, or use `mechanics: {model: condensed rotation}`",
         )  # fmt: skip
-    bonds = build_bonds(
+    bonds = _solid_bonds(scene, d, partial) if d.dimension == 3 else build_bonds(
         d.coordinates, d.volume, d.spacing, d.thickness, scene.horizon_length, partial=partial,
         surface=scene.mechanics.weights if scene.loads is not None else "none",
         tangential_ratio=model.tangential_ratio,
@@ -115,7 +125,7 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
             ],
             d.node_sets,
             d.coordinates,
-            (scene.geometry.width, scene.geometry.height),
+            (scene.geometry.width, scene.geometry.height, scene.geometry.thickness),
             scene.geometry.symmetry or (),
             _reaction_factors(scene, symmetry),
         )
@@ -166,6 +176,7 @@ def _model(scene: Scene, d: Discretization) -> Model:
     """The elastic model, with those settings of the block ``mechanics`` that it knows."""
     kind, material, mechanics = MODELS[scene.mechanics.model], scene.material, scene.mechanics
     options = {field.name: getattr(mechanics, field.name) for field in fields(kind) if hasattr(mechanics, field.name)}
+    options["plane"] = scene.plane
     if scene.loads is not None and material.orthotropic is not None:
         more = material.orthotropic.model_dump()
         options["orthotropic"] = Orthotropic(material.youngs_modulus, poissons_ratio_12=material.poissons_ratio, **more)
@@ -196,6 +207,14 @@ def _require_support(scene: Scene, body: Body) -> None:
         )  # fmt: skip
 
 
+def _solid_bonds(scene: Scene, d: Discretization, partial: str) -> Bonds:
+    return build_solid_bonds(
+        d.coordinates, d.volume, d.spacing, scene.horizon_length, partial=partial,
+        surface=scene.mechanics.weights if scene.loads is not None else "none",
+        cracks=[surface_of(crack, d.thickness) for crack in scene.geometry.cracks],
+    )  # fmt: skip
+
+
 def _require_positive_stiffness(scene: Scene, body: Body, free: np.ndarray) -> None:
     """Refuse a body that would give energy away as it deforms: with negative tangential springs the mesh decides."""
     lowest = least_eigenvalue(body, free)
@@ -203,8 +222,8 @@ def _require_positive_stiffness(scene: Scene, body: Body, free: np.ndarray) -> N
         raise SceneError(
             "scene", "material.poissons_ratio", scene.material.poissons_ratio,
             f"makes the stiffness of this body indefinite: its least eigenvalue is {lowest:.2g} of the largest",
-            f"{SAFE_POISSON[scene.mechanics.plane]:g} is safe at a horizon of 3 spacings and more in plane "
-            f"{scene.mechanics.plane}; other `mechanics.weights` may help above it",
+            f"{SAFE_POISSON[scene.plane]:g} is safe at a horizon of 3 spacings and more in "
+            f"{f'plane {scene.plane}' if scene.plane else 'space'}; other `mechanics.weights` may help above it",
         )  # fmt: skip
 
 
@@ -216,7 +235,8 @@ def _with_regions(scene: Scene, d: Discretization) -> Discretization:
     sets = dict(d.node_sets)
     for region in scene.regions:
         low, high = np.array(region.box).reshape(2, 2)
-        inside = (d.coordinates >= low - slack) & (d.coordinates <= high + slack)
+        place = d.coordinates[:, :2]  # in space a region goes through the thickness
+        inside = (place >= low - slack) & (place <= high + slack)
         sets[region.name] = np.flatnonzero(inside.all(axis=1)).astype(np.int32)
     return replace(d, node_sets=sets)
 
@@ -294,15 +314,17 @@ def _failure_rule(scene: Scene, d: Discretization, bonds: Bonds, model) -> Failu
             return resistance(law, degradation, psi)
 
     crossing = crossing_sum(bonds, d.volume)
-    critical = critical_stretch(model, crossing, scene.material.toughness(scene.mechanics.plane), settings.calibration)
+    critical = critical_stretch(model, crossing, scene.material.toughness(scene.plane), settings.calibration)
     rule = FailureRule(critical, crossing, settings.criterion == "energy", weakened, may_fail)
     return rule if bonds.fineness is None else replace(rule, **stretch_factors(bonds))
 
 
 def _diffusion(scene: Scene, d: Discretization, bonds: Families, partial: str) -> Diffusion:
     size = {"left": (0, 0.0), "right": (0, scene.geometry.width), "bottom": (1, 0.0), "top": (1, scene.geometry.height)}
+    if d.dimension == 3:
+        size |= {"front": (2, 0.0), "back": (2, d.thickness)}
     edges = {name: Edge(axis, position) for name, (axis, position) in size.items()}
-    prescribed = {condition.on for condition in scene.hydrogen.boundary} & set(EDGES)
+    prescribed = {condition.on for condition in scene.hydrogen.boundary} & set(edges)
     diffusion = build_diffusion(
         bonds, d.coordinates, d.volume, d.spacing, d.thickness, scene.material.diffusivity, scene.hydrogen.kernel,
         partial, edges, prescribed,

@@ -18,7 +18,7 @@ from pdhe.study import Study, labels, load_study, text_of
 from pdhe.units import QuantityError, measure
 
 #: Variables of a solution that depend on its mesh or its output times alone; they stand once where all cases agree.
-STATIC = ("time", "node_x", "node_y", "volume", "component")
+STATIC = ("time", "node_x", "node_y", "node_z", "volume", "component")
 COORDINATES = ("history_time", "snapshot_time", *STATIC)
 #: Names that a dimension of a swept key cannot have: those of dimensions and variables of solutions.
 TAKEN = {

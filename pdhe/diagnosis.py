@@ -13,7 +13,7 @@ import xarray as xr
 from pdhe.case import Case, build_case
 from pdhe.discretization import Discretization
 from pdhe.errors import PdheError
-from pdhe.post import energy_balance, pre_cracks, scene_of, summary, time_label
+from pdhe.post import energy_balance, scene_of, summary, time_label
 from pdhe.results import open_result
 from pdhe.scene import Scene
 
@@ -168,13 +168,15 @@ def _discretization(result: xr.Dataset, scene: Scene) -> Discretization:
     """Return the nodes of a result."""
     vertices, cells = result["vertices"].values, result["cells"].values
     thickness = scene.geometry.thickness
-    spacing = np.sqrt(result["volume"].values / thickness)
+    solid = scene.mesh.solid
+    spacing = np.cbrt(result["volume"].values) if solid else np.sqrt(result["volume"].values / thickness)
     extent = np.ptp(vertices[cells], axis=1)
-    # As discretize finds it: equal squares along the axes.
-    regular = cells.shape[1] == 4 and bool((np.abs(extent - spacing[0]) <= 1e-6 * spacing[0]).all())
+    # As discretize finds it: equal squares, or cubes, along the axes.
+    regular = cells.shape[1] == (8 if solid else 4) and bool((np.abs(extent - spacing[0]) <= 1e-6 * spacing[0]).all())
     sets = {name: np.array(nodes, np.int32) for name, nodes in json.loads(result.attrs["node_sets"]).items()}
     sets["all"] = np.arange(spacing.size, dtype=np.int32)
-    coordinates = np.column_stack([result["node_x"].values, result["node_y"].values])
+    names = ("node_x", "node_y", "node_z") if solid else ("node_x", "node_y")
+    coordinates = np.column_stack([result[name].values for name in names])
     return Discretization(coordinates, result["volume"].values, spacing, vertices, cells, sets, regular, thickness)
 
 
@@ -215,9 +217,9 @@ def _failure(result: xr.Dataset, case: Case | None, problem: str) -> Iterator[st
             f"({first:.6g} to {last:.6g} s)"
             + ("" if "time_steps" in result else f", in {int(result['failure_rounds'].values[-1])} rounds")
         )
-        if len(pre_cracks(result)):
-            tip = tuple(1e3 * numbers[f"crack_tip_{axis}"] for axis in "xy") if "crack_tip_x" in numbers else None
-            where = f", to ({tip[0]:.4g}, {tip[1]:.4g}) mm" if tip else ""
+        if scene_of(result).get("geometry", {}).get("cracks"):
+            tip = tuple(1e3 * numbers[f"crack_tip_{axis}"] for axis in "xyz" if f"crack_tip_{axis}" in numbers)
+            where = f", to ({', '.join(f'{place:.4g}' for place in tip)}) mm" if tip else ""
             yield f"the crack grew by {1e3 * numbers['crack_extension']:.4g} mm{where}"
     else:
         yield "nothing broke"
@@ -232,7 +234,7 @@ def _failure(result: xr.Dataset, case: Case | None, problem: str) -> Iterator[st
         yield "at the last output no bond that may break is stretched"
         return
     yield f"at the last output the bond nearest to failure carries {near.ratio:.4g} of its resistance:"
-    yield f"  nodes {near.i} and {near.j}, about ({1e3 * near.middle[0]:.4g}, {1e3 * near.middle[1]:.4g}) mm"
+    yield f"  nodes {near.i} and {near.j}, about ({', '.join(f'{1e3 * place:.4g}' for place in near.middle)}) mm"
     law = "stretch of the same energy" if case.rule.by_energy else "stretch"
     yield f"  {law} {near.load:.4g}, critical {near.dry:.4g} dry" + (
         f", {near.resistance:.4g} at its coverage of {near.coverage:.4g}" if near.coverage is not None else ""

@@ -19,11 +19,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pdhe import solid_nodes
 from pdhe.errors import PdheError
 from pdhe.mesh import ALL, CRACK_PREFIX, EDGES, PLATE
 from pdhe.netcdf import CHANGED, Variable, read_netcdf, write_netcdf
+from pdhe.scene_blocks import SOLID_CELLS
 from pdhe.scene_mirrors import mirrors_through
+from pdhe.scene_solid import FACES
 from pdhe.sizing import SizeField
+from pdhe.surfaces import surface_of
 from pdhe.wholefile import intact
 
 if TYPE_CHECKING:
@@ -37,6 +41,8 @@ COARSEST = 2.0
 ROUND_OFF = 1e-6
 # A circle of chords of length h misses pi h^2 / 6 of its area, whatever its radius: 1.2 spacing^2 for triangles.
 HOLE_TOLERANCE = 3.0
+# Edges of tetrahedra over the spacing, generously: chords of holes in space are as long.
+SOLID_EDGE = 2.2
 
 _DIMENSIONS = {
     "coordinates": ("node", "component"),
@@ -59,21 +65,28 @@ class Discretization:
     """Nodes, their volumes, the cells they stand for and the named node sets; ``n`` nodes, ``nv`` vertices."""
 
     coordinates: np.ndarray
-    """(n, 2) float64, m: cell centroids."""
+    """(n, 2) float64, m: cell centroids; in space (n, 3)."""
     volume: np.ndarray
-    """(n,) float64, m^3: area of the cell times the thickness."""
+    """(n,) float64, m^3: area of the cell times the thickness; in space the volume of the cell."""
     spacing: np.ndarray
-    """(n,) float64, m: square root of the area of the cell."""
+    """(n,) float64, m: square root of the area of the cell; in space the cube root of its volume."""
     vertices: np.ndarray
-    """(nv, 2) float64, m: vertices of the mesh."""
+    """(nv, 2) float64, m: vertices of the mesh; in space (nv, 3)."""
     cells: np.ndarray
-    """(n, 3) or (n, 4) int32: vertices of each cell, counter-clockwise; a triangle among quadrilaterals repeats one."""
+    """(n, 3) or (n, 4) int32: vertices of each cell, counter-clockwise; a triangle among quadrilaterals repeats one.
+
+    In space (n, 4), tetrahedra, or (n, 8), hexahedra, in the order of gmsh."""
     node_sets: dict[str, np.ndarray]
     """Name to sorted int32 node numbers: the four edges, every hole and crack, and ``all``."""
     regular: bool
-    """True if all cells are equal squares aligned with the axes (within 1e-6)."""
+    """True if all cells are equal squares, or cubes, aligned with the axes (within 1e-6)."""
     thickness: float
     """m."""
+
+    @property
+    def dimension(self) -> int:
+        """2 for a plate, 3 for a body in space."""
+        return self.coordinates.shape[1]
 
 
 def discretize(mesh_path: str | os.PathLike[str], geometry: Geometry, mesh_spec: Mesh) -> Discretization:
@@ -100,6 +113,8 @@ def discretize(mesh_path: str | os.PathLike[str], geometry: Geometry, mesh_spec:
         The file is missing, damaged, lacks a physical group or is the mesh of another geometry; a crack owns no cell.
     """
     path = Path(mesh_path)
+    if mesh_spec.cells in SOLID_CELLS:
+        return _discretize_solid(path, geometry, mesh_spec)
     vertices, cells, curves = _read_mesh(path, geometry)
     vertices, on_grid = _snapped_to_grid(vertices, cells, geometry, mesh_spec.spacing)
     coordinates, area = _centroids_and_areas(vertices, cells)
@@ -135,24 +150,80 @@ def discretize(mesh_path: str | os.PathLike[str], geometry: Geometry, mesh_spec:
         nodes, conforming = on_curve[CRACK_PREFIX + crack.name]
         node_sets[crack.name] = nodes if conforming else _near_crack(coordinates, spacing, crack)
         if not node_sets[crack.name].size:
-            raise PdheError(
-                f"geometry.cracks: crack {crack.name!r} owns no cell of the mesh; use a smaller mesh.spacing than "
-                f"{mesh_spec.spacing:g} m or a longer crack"
-            )
+            raise _no_cell(crack.name, mesh_spec.spacing)
     node_sets[ALL] = np.arange(len(area), dtype=np.int32)
 
-    used = np.zeros(len(vertices), dtype=bool)
-    used[cells.ravel()] = True
-    renumbered = np.cumsum(used, dtype=np.int32) - np.int32(1)
+    vertices, cells = _used(vertices, cells)
     return Discretization(
         coordinates=coordinates,
         volume=area * geometry.thickness,
         spacing=spacing,
-        vertices=vertices[used],
-        cells=renumbered[cells],
+        vertices=vertices,
+        cells=cells,
         node_sets=node_sets,
         regular=regular,
         thickness=float(geometry.thickness),
+    )
+
+
+def _used(vertices: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Drop vertices that belong to no cell."""
+    used = np.zeros(len(vertices), dtype=bool)
+    used[cells.ravel()] = True
+    renumbered = np.cumsum(used, dtype=np.int32) - np.int32(1)
+    return vertices[used], renumbered[cells]
+
+
+def _discretize_solid(path: Path, geometry: Geometry, mesh_spec: Mesh) -> Discretization:
+    """The same for cells that fill space: layers one spacing thick along z, in each of them strips as in the plane."""
+    vertices, cells, surfaces = _read_mesh(path, geometry, solid=True)
+    size = np.array([geometry.width, geometry.height, geometry.thickness])
+    vertices, on_grid = solid_nodes.snapped_to_grid(vertices, cells, size, mesh_spec.spacing)
+    coordinates, volume = solid_nodes.centroids_and_volumes(vertices, cells)
+    # A circle of chords of length h misses pi h^2 / 6 of its area, here along the whole thickness.
+    chords = HOLE_TOLERANCE * SOLID_EDGE**2 * mesh_spec.spacing**2 * geometry.thickness * len(geometry.holes)
+    _check_sum(path, volume, geometry, float(size[2]), chords, "m^3")
+    strips = np.maximum(1, np.rint(size / mesh_spec.spacing))
+    strip = np.floor(coordinates * (strips / size)).astype(np.int32)
+    order = np.lexsort((coordinates[:, 2], coordinates[:, 1], coordinates[:, 0], strip[:, 1], strip[:, 2]))
+    coordinates, volume, cells = coordinates[order], volume[order], cells[order]
+    sides = size / strips
+    regular = on_grid and bool(np.ptp(sides) <= ROUND_OFF * sides[0])
+    if regular:
+        volume = np.full(len(volume), volume.mean())
+    spacing = np.cbrt(volume)
+    if spacing.max() > COARSEST * mesh_spec.spacing:
+        raise PdheError(
+            f"{path}: the largest cell is {spacing.max():.3g} m wide where {mesh_spec.spacing:g} m were asked for: "
+            "cracks, holes or faces that nearly touch use up the cells; move them apart or together, or use a "
+            "smaller mesh.spacing"
+        )
+    node_sets: dict[str, np.ndarray] = {}
+    on_surface = solid_nodes.cells_on_surfaces(cells, surfaces, len(vertices))
+    for name in (*EDGES, *FACES, *(hole.name for hole in geometry.holes)):
+        node_sets[name], conforming = on_surface[name]
+        if not conforming:
+            raise _damaged(path, f"the surface {name!r} does not follow the cells")
+        if name in (*EDGES, *FACES):
+            node_sets[name] = np.flatnonzero(np.isin(cells, surfaces[name]).any(axis=1)).astype(np.int32)
+    for crack in geometry.cracks:
+        nodes, conforming = on_surface.get(CRACK_PREFIX + crack.name, (np.empty(0, np.int32), False))
+        near = solid_nodes.near_surface(coordinates, spacing, surface_of(crack, geometry.thickness))
+        node_sets[crack.name] = nodes if conforming and nodes.size else near
+        if not node_sets[crack.name].size:
+            raise _no_cell(crack.name, mesh_spec.spacing)
+    node_sets[ALL] = np.arange(len(volume), dtype=np.int32)
+    vertices, cells = _used(vertices, cells)
+    return Discretization(
+        coordinates, volume, spacing, vertices, cells, node_sets, regular, float(geometry.thickness)
+    )  # fmt: skip
+
+
+def _no_cell(name: str, spacing: float) -> PdheError:
+    """The error for a crack that no cell lies at."""
+    return PdheError(
+        f"geometry.cracks: crack {name!r} owns no cell of the mesh; use a smaller mesh.spacing than "
+        f"{spacing:g} m or a longer crack"
     )
 
 
@@ -214,8 +285,14 @@ def _damaged(path: Path, problem: str) -> PdheError:
     return PdheError(f"{path}: not a usable file ({problem}); delete it and run again")
 
 
-def _read_mesh(path: Path, geometry: Geometry) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Vertices (nv, 2), cells (n, 3 or 4) and, for each curve group, its segments (m, 2) of vertex numbers."""
+def _read_mesh(
+    path: Path, geometry: Geometry, solid: bool = False
+) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """Vertices (nv, 2), cells (n, 3 or 4) and, for each curve group, its segments (m, 2) of vertex numbers.
+
+    In space vertices (nv, 3), cells (n, 4 or 8) and, for each surface group, its elements (m, 3 or 4). A mesh that
+    does not follow a crack has no group for it then.
+    """
     if not path.is_file():
         raise PdheError(f"{path}: no such mesh; run the mesh step first")
     import meshio.gmsh  # here, because it loads readers of many formats and a solve has no mesh to read
@@ -227,15 +304,18 @@ def _read_mesh(path: Path, geometry: Geometry) -> tuple[np.ndarray, np.ndarray, 
         # meshio.read would print and leave the program; its reader for gmsh raises, and only warns on the console.
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
             mesh = meshio.gmsh.read(path)
-        vertices = np.ascontiguousarray(mesh.points[:, :2], dtype=np.float64)
+        vertices = np.ascontiguousarray(mesh.points[:, : 2 + solid], dtype=np.float64)
     except Exception as error:  # a damaged file fails in many ways: struct, Unicode, index, value, memory errors
         raise _damaged(path, f"{type(error).__name__}: {error}") from error
 
     curves = [
         *EDGES,
+        *(FACES if solid else ()),
         *(hole.name for hole in geometry.holes),
         *(CRACK_PREFIX + crack.name for crack in geometry.cracks),
     ]
+    if solid:
+        curves = [name for name in curves if not name.startswith(CRACK_PREFIX) or name in mesh.cell_sets]
     for name in (PLATE, *curves):
         if not sum(len(part) for part in mesh.cell_sets.get(name, ())):
             raise PdheError(f"{path}: physical group {name!r} is missing or empty; delete the file and run again")
@@ -250,6 +330,15 @@ def _read_mesh(path: Path, geometry: Geometry) -> tuple[np.ndarray, np.ndarray, 
 
     by_type = blocks(PLATE)
     segments = {name: blocks(name) for name in curves}
+    if solid:
+        kind = "hexahedron" if "hexahedron" in by_type else "tetra"
+        facet = "quad" if kind == "hexahedron" else "triangle"
+        if set(by_type) != {kind} or any(set(kinds) != {facet} for kinds in segments.values()):
+            raise _damaged(path, f"it does not hold tetrahedra alone or hexahedra alone: {sorted(by_type)}")
+        cells, facets = by_type[kind], {name: kinds[facet] for name, kinds in segments.items()}
+        if not np.isfinite(vertices).all() or min(part.min() for part in (cells, *facets.values())) < 0:
+            raise _damaged(path, "its vertices are incomplete")
+        return vertices, cells, facets
     if not set(by_type) <= {"triangle", "quad"} or any(set(kinds) != {"line"} for kinds in segments.values()):
         raise _damaged(path, f"it holds elements other than lines, triangles and quadrilaterals: {sorted(by_type)}")
     lines = {name: kinds["line"] for name, kinds in segments.items()}
@@ -282,14 +371,19 @@ def _check_areas(path: Path, area: np.ndarray, geometry: Geometry, spacing: floa
 
     The sum may differ by 1e-6 of the plate plus 3 spacing^2 per hole, whose circle became a polygon.
     """
-    if not (area > 0).all():
-        raise _damaged(path, f"{np.count_nonzero(~(area > 0))} cells have no positive area")
-    plate, total = geometry.width * geometry.height, float(area.sum())
+    _check_sum(path, area, geometry, 1.0, HOLE_TOLERANCE * spacing**2 * len(geometry.holes), "m^2")
+
+
+def _check_sum(path: Path, size: np.ndarray, geometry: Geometry, depth: float, chords: float, unit: str) -> None:
+    """Areas, or volumes of a ``depth``, are positive and sum up to those of the geometry; ``chords`` may lack."""
+    if not (size > 0).all():
+        kind = "area" if unit == "m^2" else "volume"
+        raise _damaged(path, f"{np.count_nonzero(~(size > 0))} cells have no positive {kind}")
+    plate, total = geometry.width * geometry.height * depth, float(size.sum())
     holes = (math.pi * hole.radius**2 / 2 ** len(mirrors_through(geometry, hole)) for hole in geometry.holes)
-    expected = plate - sum(holes)
-    tolerance = ROUND_OFF * plate + HOLE_TOLERANCE * spacing**2 * len(geometry.holes)
-    if abs(total - expected) > tolerance:
-        raise _damaged(path, f"its cells cover {total:.6g} m^2 where the geometry has {expected:.6g} m^2")
+    expected = plate - depth * sum(holes)
+    if abs(total - expected) > ROUND_OFF * plate + chords:
+        raise _damaged(path, f"its cells cover {total:.6g} {unit} where the geometry has {expected:.6g} {unit}")
 
 
 def _cells_on_curves(

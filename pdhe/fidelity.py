@@ -14,7 +14,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from pdhe.errors import SceneError
-from pdhe.scene_blocks import FIDELITIES, Geometry, Horizon, Mesh
+from pdhe.scene_blocks import FIDELITIES, SOLID_CELLS, Geometry, Horizon, Mesh
 from pdhe.scene_checks import square_cells
 from pdhe.scene_mirrors import whole_length, whole_size
 from pdhe.units import round15
@@ -134,6 +134,11 @@ def fill_in(raw: dict[str, Any], file: str) -> None:
     name = raw.get("fidelity")
     if raw.get("accuracy") is not None:
         _check_accuracy(raw, file)
+    key = "accuracy" if raw.get("accuracy") is not None else "fidelity"
+    cells = raw["mesh"].get("cells") if isinstance(raw.get("mesh"), dict) else None
+    if raw.get(key) is not None and cells in SOLID_CELLS:
+        text = "is measured on plane meshes, and this scene is one in space"
+        raise SceneError(file, key, raw[key], text, "give `mesh.spacing` instead")
     if name is None:
         return
     if name not in FIDELITIES:

@@ -33,9 +33,12 @@ FIELDS: dict[str, Field] = {
     "time": Field("s", "time", ("time",)),
     "node_x": Field("m", "x of the node", _STATIC),
     "node_y": Field("m", "y of the node", _STATIC),
+    "node_z": Field("m", "z of the node", _STATIC),
     "volume": Field("m^3", "volume of the node's cell", _STATIC),
     "vertices": Field("m", "position of the mesh vertex", ("vertex", "component")),
-    "cells": Field("1", "vertices of the node's cell, counter-clockwise", ("node", "corner")),
+    "cells": Field(
+        "1", "vertices of the node's cell, counter-clockwise; in space as gmsh orders them", ("node", "corner")
+    ),
     "displacement": Field("m", "displacement", ("time", "node", "component")),
     "velocity": Field("m/s", "velocity", ("time", "node", "component")),
     "damage": Field("1", "damage: volume-weighted share of broken bonds", _SNAPSHOT),
@@ -50,6 +53,7 @@ FIELDS: dict[str, Field] = {
     "crack_extension": Field("m", "distance of the foremost broken short bond from the pre-cracks", _HISTORY),
     "crack_tip_x": Field("m", "x of the foremost broken short bond", _HISTORY),
     "crack_tip_y": Field("m", "y of the foremost broken short bond", _HISTORY),
+    "crack_tip_z": Field("m", "z of the foremost broken short bond", _HISTORY),
     "mean_damage": Field("1", "volume-averaged damage", _HISTORY),
     "broken_bonds": Field("1", "bonds broken since the start", _HISTORY),
     "largest_load": Field("1", "largest load over resistance among the bonds that may still break", _HISTORY),

@@ -74,7 +74,7 @@ def pilot_scene(scene: Scene, nodes: int) -> Scene | None:
     the last are left out: on few nodes they, and not the failures, would decide on the length of diffusion steps. None
     for motions with inertia, whose steps are known beforehand.
     """
-    coarsening = math.sqrt(nodes / PILOT_NODES)
+    coarsening = (nodes / PILOT_NODES) ** (1.0 / (3 if scene.mesh.solid else 2))
     if scene.mesh.refine:
         coarsening = max(LEAST_COARSENING, coarsening) if nodes >= LEAST_GRADED else 0.0
     if coarsening < LEAST_COARSENING or scene.stepping.mode == "dynamic":
@@ -109,7 +109,8 @@ def make_forecast(case: Case, pilot: Pilot | None) -> Forecast:
     has 2.7), counts of failures less so.
     """
     bonds, nodes = case.bonds.neighbours.size, case.discretization.volume.size
-    numbers = 2 * bool(case.body) + 2 * bool(case.dynamics) + bool(case.rule) + bool(case.diffusion)
+    axes = case.discretization.dimension
+    numbers = axes * (bool(case.body) + bool(case.dynamics)) + bool(case.rule) + bool(case.diffusion)
     memory = _memory(bonds, bool(case.body), bool(case.diffusion), numbers * nodes * len(case.scene.outputs.times))
     if case.dynamics is not None:
         sweeps, (force, _) = motion_steps(case), _sweep_seconds(case)
@@ -156,9 +157,10 @@ def check_memory(scene: Scene, nodes: int) -> str:
     PdheError
         If it is expected to take more than there is, swap included, before any of it is taken.
     """
-    # As many neighbours as a circle of this radius holds: fewer at the boundary, a few more on triangles.
-    family = math.pi * (scene.horizon.ratio or scene.horizon_length / scene.mesh.spacing) ** 2
-    numbers = 2 * bool(scene.loads) + bool(scene.damage) + bool(scene.hydrogen)
+    # As many neighbours as a circle or a ball of this radius holds: fewer at the boundary, a few more on triangles.
+    ratio, axes = scene.horizon.ratio or scene.horizon_length / scene.mesh.spacing, 3 if scene.mesh.solid else 2
+    family = math.pi * ratio**2 if axes == 2 else 4.0 / 3.0 * math.pi * ratio**3
+    numbers = axes * bool(scene.loads) + bool(scene.damage) + bool(scene.hydrogen)
     written = numbers * nodes * len(scene.outputs.times)
     needed = _memory(nodes * family, bool(scene.loads), bool(scene.hydrogen), written)
     memory, swap = memory_of_machine()
@@ -192,7 +194,7 @@ def _faster(case: Case, pilot: Pilot, coarsening: float) -> float:
     g, grown = case.scene.geometry, pilot.counts.get("crack_extension", 0.0)
     if case.diffusion is None or grown <= 0.0:
         return 1.0
-    lengths = [float(np.hypot(*np.subtract(crack.end, crack.start))) for crack in g.cracks]
+    lengths = [crack.length for crack in g.cracks]
     return min(coarsening, max(1.0, (max(g.width, g.height) - max(lengths)) / grown))
 
 
@@ -201,7 +203,7 @@ def _sweep_seconds(case: Case, repeats: int = 5) -> tuple[float, float]:
     n, times = case.discretization.volume.size, [0.0, 0.0]
     parts: list = [None, None]
     if case.body is not None:
-        u = np.zeros((n, 2))
+        u = np.zeros(case.discretization.coordinates.shape)
         parts[0] = lambda: case.body.force(u)
     if case.diffusion is not None:
         held, zeros = np.zeros(n, bool), np.zeros(n)

@@ -8,6 +8,8 @@ crack as ``crack:<name>``. Three kinds of mesh:
 - triangles, with or without holes, conform to every edge, hole and crack;
 - a plate with holes in quadrilaterals is an unstructured mesh that conforms too; a few triangles may remain in it.
 
+Hexahedra and tetrahedra fill the body between its two faces, ``front`` and ``back``: see :mod:`pdhe.solid_mesh`.
+
 Cells are sized so that their mean area is the square of the spacing: exactly so on a structured grid whose spacing
 divides the plate, within 5 % otherwise, unless features smaller than the spacing dominate the mesh. gmsh runs on one
 thread, without random seeds, so the same request gives the same bytes.
@@ -24,8 +26,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pdhe import solid_mesh
 from pdhe.errors import PdheError
+from pdhe.scene_blocks import SOLID_CELLS
 from pdhe.scene_checks import square_cells
+from pdhe.scene_solid import FACES
 from pdhe.sizing import SizeField
 from pdhe.wholefile import moved_when_whole, why_not_written
 
@@ -59,7 +64,7 @@ def make_mesh(geometry: Geometry, mesh_spec: Mesh, path: str | os.PathLike[str])
         ``width``, ``height`` (m), ``holes`` (``name``, ``centre``, ``radius``) and ``cracks`` (``name``, ``start``,
         ``end``). The lower-left corner of the plate is at (0, 0).
     mesh_spec
-        ``spacing`` (m) and ``cells`` (``"quadrilateral"`` or ``"triangle"``).
+        ``spacing`` (m) and ``cells`` (``"quadrilateral"``, ``"triangle"``, ``"hexahedron"`` or ``"tetrahedron"``).
     path
         File to write; its folder is created.
 
@@ -72,14 +77,18 @@ def make_mesh(geometry: Geometry, mesh_spec: Mesh, path: str | os.PathLike[str])
         The file cannot be written.
     """
     path = Path(path)
-    _check_names(geometry)
+    _check_names(geometry, mesh_spec.cells in SOLID_CELLS)
     path.parent.mkdir(parents=True, exist_ok=True)
     with moved_when_whole(path, sealed=True, ending=".msh") as temporary:
         temporary.touch()
         with _gmsh_session() as gmsh:
             # Lengths are in units of the spacing while gmsh works, whose tolerances are absolute; metres on writing.
             gmsh.option.setNumber("Mesh.ScalingFactor", mesh_spec.spacing)
-            if mesh_spec.cells == "quadrilateral" and not geometry.holes:
+            if mesh_spec.cells in SOLID_CELLS:
+                groups, volumes = solid_mesh.model(gmsh, geometry, mesh_spec)
+                _add_groups(gmsh, groups, volumes, 3)
+                solid_mesh.generate(gmsh, mesh_spec)
+            elif mesh_spec.cells == "quadrilateral" and not geometry.holes:
                 _structured(gmsh, geometry, mesh_spec)
                 gmsh.model.mesh.generate(2)
             else:
@@ -110,9 +119,10 @@ def structured_counts(width: float, height: float, spacing: float) -> tuple[int,
     return nx, ny
 
 
-def _check_names(geometry: Geometry) -> None:
+def _check_names(geometry: Geometry, solid: bool) -> None:
     """Refuse two node sets under one name."""
     taken = {PLATE, ALL, *EDGES}
+    taken |= {*FACES} if solid else set()
     for name in [hole.name for hole in geometry.holes] + [crack.name for crack in geometry.cracks]:
         if name in taken:
             raise PdheError(f"geometry: the name {name!r} is already taken; give the hole or crack its own name")
@@ -280,10 +290,10 @@ def _generate_to_field(gmsh: Any, size: SizeField, unit: float) -> None:
         edge /= mean**0.5
 
 
-def _add_groups(gmsh: Any, curves: dict[str, list[int]], surfaces: list[int]) -> None:
+def _add_groups(gmsh: Any, curves: dict[str, list[int]], surfaces: list[int], dim: int = 2) -> None:
     """Register the physical groups; gmsh writes only the elements that belong to one."""
     for name, tags in curves.items():
         if not tags:
             raise PdheError(f"geometry: no part of {name!r} lies in or on the plate; move it or remove it")
-        gmsh.model.addPhysicalGroup(1, tags, name=name)
-    gmsh.model.addPhysicalGroup(2, surfaces, name=PLATE)
+        gmsh.model.addPhysicalGroup(dim - 1, tags, name=name)
+    gmsh.model.addPhysicalGroup(dim, surfaces, name=PLATE)

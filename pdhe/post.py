@@ -104,9 +104,9 @@ def scene_of(result: xr.Dataset) -> dict[str, Any]:
 
 
 def pre_cracks(result: xr.Dataset) -> np.ndarray:
-    """Return the pre-cracks of a result as segments, m (c, 2 ends, 2)."""
+    """Return the pre-cracks of a result as segments, m (c, 2 ends, 2); discs and polygons in space are none."""
     cracks = scene_of(result).get("geometry", {}).get("cracks", [])
-    return np.array([(crack["from"], crack["to"]) for crack in cracks], float).reshape(-1, 2, 2)
+    return np.array([(crack["from"], crack["to"]) for crack in cracks if "from" in crack], float).reshape(-1, 2, 2)
 
 
 def facets_of(result: xr.Dataset) -> Facets:

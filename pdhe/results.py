@@ -23,7 +23,7 @@ SINGLE = {"damage", "coverage"}
 CHECKPOINT = ".checkpoint"
 #: What that of a result that stops early has: nothing that looks for results by their ending takes it for one.
 INCOMPLETE = ".incomplete"
-COORDINATES = ("time", "node_x", "node_y", "history_time", "component")
+COORDINATES = ("time", "node_x", "node_y", "node_z", "history_time", "component")
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,7 @@ class Recorder:
             "time": np.array(self.times),
             "node_x": d.coordinates[:, 0],
             "node_y": d.coordinates[:, 1],
+            **({"node_z": d.coordinates[:, 2]} if d.dimension == 3 else {}),
             "volume": d.volume,
             "vertices": d.vertices,
             "cells": d.cells,
@@ -93,7 +94,7 @@ class Recorder:
         for name, values in data.items():
             field = field_of(name)
             variables[name] = Variable(field.dims, values, {"units": field.unit, "long_name": field.long_name})
-        variables["component"] = Variable(("component",), ["x", "y"])
+        variables["component"] = Variable(("component",), ["x", "y", "z"][: d.dimension])
         sets = {name: nodes.tolist() for name, nodes in d.node_sets.items() if name != "all"}
         return Contents(variables, {**attributes, "node_sets": json.dumps(sets)})
 

@@ -18,6 +18,7 @@ from pdhe.scene_blocks import (
     CoverageCondition,
     Crack,
     Damage,
+    Disc,
     Displacement,
     Geometry,
     Hole,
@@ -36,7 +37,7 @@ from pdhe.scene_blocks import (
     Stepping,
     Time,
 )
-from pdhe.scene_checks import RESERVED, check_scene
+from pdhe.scene_checks import check_scene, reserved_names
 from pdhe.scene_fields import Block, choice
 from pdhe.scene_history import PiecewiseLinear
 from pdhe.scene_reading import material_mapping, override, read_scene_file, reporting
@@ -46,6 +47,7 @@ __all__ = [
     "CoverageCondition",
     "Crack",
     "Damage",
+    "Disc",
     "Displacement",
     "Geometry",
     "Hole",
@@ -121,11 +123,16 @@ class Scene(Block):
         return round15((self.horizon.ratio or 0.0) * self.mesh.spacing)
 
     @property
+    def plane(self) -> str | None:
+        """What vanishes across the plate, ``stress`` or ``strain``; None in space."""
+        return None if self.mesh.solid else self.mechanics.plane
+
+    @property
     def node_sets(self) -> tuple[str, ...]:
-        """Names of all node sets: the four edges, ``all``, then holes, cracks and regions."""
+        """Names of all node sets: the four edges, ``all``, in space the two faces, then holes, cracks, regions."""
         holes = (hole.name for hole in self.geometry.holes)
         regions = (region.name for region in self.regions or ())
-        return (*RESERVED, *holes, *(crack.name for crack in self.geometry.cracks), *regions)
+        return (*reserved_names(self), *holes, *(crack.name for crack in self.geometry.cracks), *regions)
 
     def resolved(self) -> dict[str, Any]:
         """Return the scene as nested dicts and lists of SI numbers and strings; absent blocks are left out."""

@@ -1,8 +1,9 @@
 """The blocks of a scene, each valid by itself; :mod:`pdhe.scene_checks` looks at them together."""
 
 import difflib
+import math
 from collections.abc import Callable
-from itertools import pairwise
+from itertools import combinations, pairwise
 from typing import Annotated, Any, ClassVar
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
@@ -24,6 +25,8 @@ EMBRITTLEMENT_LAWS = ("serebrinsky",)
 """Names of the laws by which hydrogen lowers the fracture resistance."""
 MODELS = ("condensed rotation", "thesis spring", "one-parameter", "state-based", "correspondence")
 """Names of the elastic models."""
+SOLID_CELLS = ("hexahedron", "tetrahedron")
+"""Cells that fill space."""
 FIDELITIES = ("draft", "standard", "fine", "reference")
 """Names of the sets of settings that a scene may leave to the program, from cheap to accurate."""
 
@@ -50,12 +53,42 @@ class Hole(Block):
     radius: fields.PositiveLength
 
 
+class Disc(Block):
+    """A penny-shaped crack in space."""
+
+    centre: fields.Place
+    normal: fields.Direction
+    radius: fields.PositiveLength
+
+
 class Crack(Block):
-    """A straight crack from start to end, and the name of the node set along its lips."""
+    """A straight crack from start to end, and the name of the node set along its lips.
+
+    In space it goes through the thickness, or it is a disc or a plane polygon.
+    """
 
     name: fields.Name
-    start: fields.Point = Field(alias="from")
-    end: fields.Point = Field(alias="to")
+    start: fields.Point | None = Field(default=None, alias="from")
+    end: fields.Point | None = Field(default=None, alias="to")
+    disc: Disc | None = None
+    polygon: Annotated[tuple[fields.Place, ...], BeforeValidator(fields.as_list)] | None = None
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> "Crack":
+        given = [key for key in ("disc", "polygon") if getattr(self, key) is not None]
+        if len(given) == 2 or (given and (self.start is not None or self.end is not None)):
+            raise problem("is given in two ways", "give `from` and `to`, or `disc`, or `polygon`", given[-1])
+        for key, value in (("from", self.start), ("to", self.end)):
+            if not given and value is None:
+                raise problem("is missing", f"give `{key}`; keys here: `name`, `from`, `to`, `disc`, `polygon`", key)
+        return self
+
+    @property
+    def length(self) -> float:
+        """From end to end, diameter of a disc, largest distance of two corners of a polygon (m)."""
+        if self.disc is not None:
+            return 2.0 * self.disc.radius
+        return max(math.dist(a, b) for a, b in combinations(self.polygon or (self.start, self.end), 2))
 
 
 class Geometry(Block):
@@ -136,11 +169,12 @@ class Refinement(Block):
 class Mesh(Block):
     """Spacing (m) and shape of the cells whose centroids are the nodes, and where they are finer.
 
+    Hexahedra and tetrahedra resolve the thickness too: the scene is then one in space.
     ``growth`` is by how much the spacing may grow per length away from what is refined.
     """
 
     spacing: fields.PositiveLength
-    cells: Annotated[str, choice("quadrilateral", "triangle")] = "quadrilateral"
+    cells: Annotated[str, choice("quadrilateral", "triangle", *SOLID_CELLS)] = "quadrilateral"
     refine: Annotated[tuple[Refinement, ...], BeforeValidator(fields.as_list)] | None = None
     growth: fields.Growth | None = None
 
@@ -157,6 +191,11 @@ class Mesh(Block):
                 text = f"is coarser than the rest of the plate, {1e3 * self.spacing:g} mm"
                 raise problem(text, "`mesh.spacing` is the coarsest spacing", f"refine.{k}.spacing")
         return self
+
+    @property
+    def solid(self) -> bool:
+        """Whether the cells fill space, not just the plane of the plate."""
+        return self.cells in SOLID_CELLS
 
     @property
     def growth_rate(self) -> float:
@@ -222,16 +261,19 @@ class Material(Block):
                 raise problem("is not a key of a material", f"did you mean `{near[0]}`?" if near else "", key[:60])
         return source
 
-    def toughness(self, plane: str) -> float | None:
+    def toughness(self, plane: str | None) -> float | None:
         """Critical energy release rate G_c (J/m^2): as given, or that of K_IC; None if neither is given."""
         if self.critical_energy_release_rate is not None:
             return self.critical_energy_release_rate
         return None if self.fracture_toughness is None else round15(self.implied_toughness(plane))
 
-    def implied_toughness(self, plane: str) -> float:
-        """Energy release rate at K_IC (J/m^2): K^2/E in plane stress, (1-nu^2) K^2/E in plane strain (Irwin)."""
+    def implied_toughness(self, plane: str | None) -> float:
+        """Energy release rate at K_IC (J/m^2): K^2/E in plane stress, (1-nu^2) K^2/E in plane strain (Irwin).
+
+        In space (None) it is that of plane strain, which is the state along a crack's front inside a body.
+        """
         rate = self.fracture_toughness**2 / self.youngs_modulus
-        return rate * (1.0 - self.poissons_ratio**2) if plane == "strain" else rate
+        return rate if plane == "stress" else rate * (1.0 - self.poissons_ratio**2)
 
 
 class Axes(Block):
@@ -267,6 +309,7 @@ class Displacement(Block):
 
     x: DisplacementHistory | None = None
     y: DisplacementHistory | None = None
+    z: DisplacementHistory | None = None
 
 
 class Velocity(Block):
@@ -332,13 +375,14 @@ class Load(Block):
 
     @property
     def components(self) -> dict[int, Any]:
-        """What is given along x (0) and y (1)."""
+        """What is given along x (0), y (1) and z (2)."""
         given = getattr(self, self.kind)
-        return {axis: value for axis, value in enumerate((given.x, given.y)) if value is not None}
+        values = given.x, given.y, getattr(given, "z", None)
+        return {axis: value for axis, value in enumerate(values) if value is not None}
 
     @property
     def motion(self) -> dict[int, tuple[Callable[[float], float], tuple[float, ...]]]:
-        """Prescribed displacement (m) as a function of time (s), and its corners, along x (0) and y (1)."""
+        """Prescribed displacement (m) as a function of time (s), and its corners, along x (0), y (1) and z (2)."""
         if self.kind == "displacement":
             return {axis: (history, history.corners) for axis, history in self.components.items()}
         if self.kind == "velocity":

@@ -8,6 +8,7 @@ import math
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
+from pdhe import scene_solid as solid
 from pdhe.scene_fields import problem
 from pdhe.scene_mirrors import Segment, check_symmetry, edge_segments, mirror_levels, mirrors_through
 
@@ -37,6 +38,11 @@ GRADED_WEIGHTS = ("moment matched", "none")
 """Surface corrections that know horizons that vary."""
 RESERVED = ("left", "right", "bottom", "top", "all")
 """Node set names that every plate has."""
+
+
+def reserved_names(scene: "Scene") -> tuple[str, ...]:
+    """Names of the node sets that every body has: those of a plate, in space two faces more."""
+    return (*RESERVED, *solid.FACES) if scene.mesh.solid else RESERVED
 
 
 def check_scene(scene: "Scene") -> None:
@@ -77,6 +83,10 @@ def _mm(*lengths: float) -> str:
 
 def _check_mesh(scene: "Scene") -> None:
     width, height, spacing = scene.geometry.width, scene.geometry.height, scene.mesh.spacing
+    if scene.mesh.solid:
+        solid.check_cells(scene, MAX_NODES)
+        _check_reach(scene, scene.mesh.cells == "hexahedron")
+        return
     if spacing > min(width, height):
         hint = f"use a fraction of the smaller side, {_mm(min(width, height))}"
         raise problem(f"is larger than the plate, {_mm(width, height)}", hint, "mesh.spacing")
@@ -93,10 +103,19 @@ def _check_mesh(scene: "Scene") -> None:
         if size is not None:
             raise problem(text, "use a coarser spacing or a smaller `within`", "mesh.refine")
         raise problem(text, hint, "mesh.spacing")
+    _check_reach(scene, scene.mesh.cells == "quadrilateral" and not scene.geometry.holes)
+    if scene.horizon_length >= min(width, height):
+        key = "horizon.ratio" if scene.horizon.ratio is not None else "horizon.length"
+        text = f"is a horizon of {_mm(scene.horizon_length)}, not smaller than the plate, {_mm(width, height)}"
+        raise problem(text, "use a smaller horizon or a finer spacing", key)
+
+
+def _check_reach(scene: "Scene", structured: bool) -> None:
+    """Check that the horizon leaves every node neighbours enough."""
+    width, height, spacing = scene.geometry.width, scene.geometry.height, scene.mesh.spacing
     key = "horizon.ratio" if scene.horizon.ratio is not None else "horizon.length"
-    structured = scene.mesh.cells == "quadrilateral" and not scene.geometry.holes
     if structured and scene.loads is not None:
-        nx, ny, _ = square_cells(width, height, spacing)
+        nx, ny = max(1, round(width / spacing)), max(1, round(height / spacing))
         diagonal = math.hypot(width / nx, height / ny)
         if MIN_HORIZON_RATIO * spacing <= scene.horizon_length < diagonal * (1.0 - 1e-12):
             text = f"is a horizon of {scene.horizon_length / spacing:.4g} spacings, which leaves out the diagonals"
@@ -105,9 +124,6 @@ def _check_mesh(scene: "Scene") -> None:
     if scene.horizon_length < MIN_HORIZON_RATIO * spacing * (1.0 - 1e-12):
         text = f"is a horizon of {scene.horizon_length / spacing:.4g} spacings, which leaves nodes without neighbours"
         raise problem(text, f"use at least {MIN_HORIZON_RATIO} spacings; 3.015 is customary", key)
-    if scene.horizon_length >= min(width, height):
-        text = f"is a horizon of {_mm(scene.horizon_length)}, not smaller than the plate, {_mm(width, height)}"
-        raise problem(text, "use a smaller horizon or a finer spacing", key)
 
 
 def _check_refinement(scene: "Scene") -> "SizeField | None":
@@ -173,8 +189,8 @@ def _check_names(scene: "Scene") -> None:
     regions: list[tuple[str, Any]] = [(f"regions.{k}", region) for k, region in enumerate(scene.regions or ())]
     for key, item in [*_named(scene), *regions]:
         name = item.name.lower()
-        if name in RESERVED:
-            hint = f"{', '.join(f'`{word}`' for word in RESERVED)} name parts of every plate"
+        if name in reserved_names(scene):
+            hint = f"{', '.join(f'`{word}`' for word in reserved_names(scene))} name parts of every plate"
             raise problem("is a reserved name", hint, f"{key}.name")
         if name in taken:
             hint = "names of holes, cracks and regions must differ in more than capitals"
@@ -215,8 +231,16 @@ def _check_cracks(scene: "Scene") -> None:
     width, height = scene.geometry.width, scene.geometry.height
     slack = 1e-9 * max(width, height)
     for k, crack in enumerate(scene.geometry.cracks):
-        spacing = _local_spacing(scene, crack.start, crack.end)
         key = f"geometry.cracks.{k}"
+        if crack.start is None:
+            if not scene.mesh.solid:
+                shape = "disc" if crack.disc is not None else "polygon"
+                raise problem(
+                    "is a crack in space", "use `mesh: {cells: hexahedron}` or `tetrahedron`", f"{key}.{shape}"
+                )
+            solid.check_shape(scene, crack, key)
+            continue
+        spacing = _local_spacing(scene, crack.start, crack.end)
         for end, (x, y) in (("from", crack.start), ("to", crack.end)):
             if not (-slack <= x <= width + slack and -slack <= y <= height + slack):
                 hint = f"the plate is {_mm(width, height)} from (0, 0); a crack may end on its edge"
@@ -236,7 +260,7 @@ def _check_cracks(scene: "Scene") -> None:
         for hole in scene.geometry.holes:
             if max(math.dist(hole.centre, crack.start), math.dist(hole.centre, crack.end)) <= hole.radius:
                 raise problem(f"leaves the crack inside the hole `{hole.name}`", "move the crack", f"{key}.to")
-        for other in scene.geometry.cracks[:k]:
+        for other in (other for other in scene.geometry.cracks[:k] if other.start is not None):
             same = min(
                 math.dist(crack.start, other.start) + math.dist(crack.end, other.end),
                 math.dist(crack.start, other.end) + math.dist(crack.end, other.start),
@@ -262,7 +286,7 @@ def _check_physics(scene: "Scene") -> None:
     if scene.hydrogen is not None and scene.material.diffusivity is None:
         hint = "add for example `diffusivity: 0.84e-9 m^2/s` to the material, or leave `hydrogen` out"
         raise problem("is missing, and hydrogen diffusion needs it", hint, "material.diffusivity")
-    if scene.damage is not None and scene.material.toughness(scene.mechanics.plane) is None:
+    if scene.damage is not None and scene.material.toughness(scene.plane) is None:
         hint = "add `fracture_toughness` or `critical_energy_release_rate` to the material, or leave `damage` out"
         raise problem("is missing, and damage needs it", hint, "material.fracture_toughness")
 
@@ -319,18 +343,20 @@ def _check_material(scene: "Scene") -> None:
     if material.youngs_modulus < 1.0:
         raise problem("is less than 1 Pa", "`MPa` is megapascal, `mPa` is millipascal", "material.youngs_modulus")
     if material.fracture_toughness is not None and material.critical_energy_release_rate is not None:
-        plane = scene.mechanics.plane
+        plane = scene.plane
         implied = material.implied_toughness(plane)
         if not math.isclose(implied, material.critical_energy_release_rate, rel_tol=0.01):
-            formula = "(1-nu^2) K^2/E" if plane == "strain" else "K^2/E"
-            text = f"contradicts `fracture_toughness`, which means {implied:.6g} J/m^2 ({formula}, plane {plane})"
+            formula, where = "K^2/E" if plane == "stress" else "(1-nu^2) K^2/E", f"plane {plane or 'strain'}"
+            text = f"contradicts `fracture_toughness`, which means {implied:.6g} J/m^2 ({formula}, {where})"
             raise problem(text, "give one of the two", "material.critical_energy_release_rate")
     if scene.loads is None:
         return
+    if scene.mesh.solid:
+        solid.check_mechanics(scene)
     nu, key = material.poissons_ratio, "material.poissons_ratio"
     if nu < LEAST_POISSON:
         raise problem("is outside the range of the bond model", f"it must be at least {LEAST_POISSON:g}", key)
-    model, plane = scene.mechanics.model, scene.mechanics.plane
+    model, plane = scene.mechanics.model, scene.plane
     natural, name = (1.0 / 3.0, "1/3") if plane == "stress" else (1.0 / 4.0, "1/4")
     if model == "thesis spring" and nu > natural + 1e-9:
         text = f"is above {name}, where the tangential springs are negative and a rotation releases energy (indefinite)"
@@ -344,7 +370,8 @@ def _check_material(scene: "Scene") -> None:
         text = f"makes up for what two-parameter bonds lack, not model `{model}`"
         raise problem(text, "use `moment matched`", "mechanics.weights")
     if model == "one-parameter" and abs(nu - natural) > ONE_PARAMETER_TOLERANCE:
-        text = f"is not the Poisson's ratio of one-parameter bonds, which is {name} in plane {plane}"
+        text = f"is not the Poisson's ratio of one-parameter bonds, which is {name} in "
+        text += f"plane {plane}" if plane else "space"
         raise problem(text, f"give {natural:.4g}, or use `mechanics: {{model: condensed rotation}}`", key)
 
 
@@ -370,16 +397,19 @@ def _check_loads(scene: "Scene") -> None:
     largest = max(scene.geometry.width, scene.geometry.height)
     prescribed: list[tuple[str, str, str, PiecewiseLinear]] = []
     for k, load in enumerate(scene.loads or ()):
+        if 2 in load.components and not scene.mesh.solid:
+            hint = "leave it out, or use `mesh: {cells: hexahedron}` or `tetrahedron`"
+            raise problem("moves a plate out of its plane", hint, f"loads.{k}.{load.kind}.z")
         if not load.components:
             example = {"displacement": "0.02 mm", "traction": "12 MPa"}.get(load.kind, "16.5 m/s")
             hint = f"give `x`, `y` or both, for example `{{y: {example}}}`; a free node set needs no load"
             raise problem("prescribes nothing", hint, f"loads.{k}.{load.kind}")
         for axis, given in load.components.items():
-            key = f"loads.{k}.{load.kind}.{'xy'[axis]}"
+            key = f"loads.{k}.{load.kind}.{'xyz'[axis]}"
             if load.kind == "displacement" and max(abs(value) for value in given.values) > largest:
                 raise problem(f"is larger than the plate, {_mm(largest)}", "check the unit", key)
             if axis in load.motion:
-                prescribed.append((key, load.on, "xy"[axis], given))
+                prescribed.append((key, load.on, "xyz"[axis], given))
     for one, two in combinations(prescribed, 2):
         if one[2] == two[2]:
             same_kind = one[0].split(".")[2] == two[0].split(".")[2]
@@ -400,6 +430,8 @@ def _check_dynamics(scene: "Scene") -> None:
             )
     if not dynamic:
         return
+    if scene.mesh.solid:
+        raise problem("is there for plates alone", "use mode `events` or `fixed`, or a plane mesh", "stepping.mode")
     if scene.loads is None:
         hint = "add `loads`: a velocity, an initial velocity, a traction or a displacement"
         raise problem("needs something that moves", hint, "stepping.mode")
@@ -451,6 +483,9 @@ def _touch(scene: "Scene", on1: str, on2: str) -> bool:
     """Tell whether two node sets share nodes, judged by the distance of the lines they follow."""
     if "all" in (on1, on2):
         return True
+    if scene.mesh.solid:
+        apart = solid.boxes_apart(solid.box_of(scene, on1), solid.box_of(scene, on2))
+        return apart < SHARING_DISTANCE * scene.mesh.spacing * (1.0 + 1e-9)
     regions = {region.name: region for region in scene.regions or ()}
     if on1 in regions and on2 in regions:
         (a0, b0, a1, b1), (c0, d0, c1, d1) = regions[on1].box, regions[on2].box

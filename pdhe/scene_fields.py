@@ -169,7 +169,10 @@ NodeSet = Annotated[
     str,
     Reading(
         _read_name,
-        {"type": "string", "description": "left, right, bottom, top, all, or the name of a hole, a crack or a region"},
+        {
+            "type": "string",
+            "description": "left, right, bottom, top, all, front, back, or the name of a hole, a crack or a region",
+        },
     ),
 ]
 
@@ -196,6 +199,24 @@ def _read_point(value: Any, info: ValidationInfo) -> tuple[float, float]:
     return x, y
 
 
+def _read_place(value: Any, info: ValidationInfo) -> tuple[float, float, float]:
+    if not isinstance(value, (list, tuple)) or len(value) != 3:
+        raise problem("must be a point with three coordinates", "for example `[50 mm, 25 mm, 5 mm]`")
+    x, y, z = (number(coordinate, info, "length") for coordinate in value)
+    if max(abs(x), abs(y), abs(z)) > MAX_LENGTH:
+        raise problem(f"is farther than {MAX_LENGTH:g} m", "`mm` is millimetre, `Mm` is megametre")
+    return x, y, z
+
+
+def _read_direction(value: Any, info: ValidationInfo) -> tuple[float, float, float]:
+    if not isinstance(value, (list, tuple)) or len(value) != 3:
+        raise problem("must be a direction with three components", "for example `[0, 1, 0]`")
+    x, y, z = (number(component, info) for component in value)
+    if not 1e-9 < math.sqrt(x * x + y * y + z * z) < 1e9:
+        raise problem("has no direction", "give three numbers that are not all zero, for example `[0, 1, 0]`")
+    return x, y, z
+
+
 Point = Annotated[
     tuple[float, float],
     Reading(
@@ -206,6 +227,34 @@ Point = Annotated[
             "minItems": 2,
             "maxItems": 2,
             "description": "x and y from the lower-left corner of the plate, for example `[50 mm, 0 mm]`",
+        },
+    ),
+]
+
+
+Place = Annotated[
+    tuple[float, float, float],
+    Reading(
+        _read_place,
+        {
+            "type": "array",
+            "items": {"type": "string", "pattern": units.QUANTITY_PATTERN},
+            "minItems": 3,
+            "maxItems": 3,
+            "description": "x, y and z from the lower-left corner of the front, for example `[50 mm, 25 mm, 5 mm]`",
+        },
+    ),
+]
+Direction = Annotated[
+    tuple[float, float, float],
+    Reading(
+        _read_direction,
+        {
+            "type": "array",
+            "items": {"type": "number"},
+            "minItems": 3,
+            "maxItems": 3,
+            "description": "components along x, y and z, of any length, for example `[0, 1, 0]`",
         },
     ),
 ]

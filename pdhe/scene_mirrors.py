@@ -43,7 +43,7 @@ def whole_size(geometry: "Geometry") -> tuple[float, float]:
 
 def whole_length(geometry: "Geometry", crack: "Crack") -> float:
     """Return the length (m) of a crack with the image that it goes on as beyond a mirror line."""
-    length = math.dist(crack.start, crack.end)
+    length = crack.length
     for axis, level in mirror_levels(geometry).values():
         if sum(abs(point[axis] - level) <= 1e-9 * length for point in (crack.start, crack.end)) == 1:
             length *= 2.0

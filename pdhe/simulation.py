@@ -211,7 +211,8 @@ def _where(run: Run) -> str:
     if run.recorder.broken:
         i, j, _ = run.recorder.broken[-1]
         # A node of the whole body beyond a mirror line is the image of one on this side.
-        x, y = 1e3 * run.case.discretization.coordinates[[i[-1], j[-1] % run.case.bonds.node_count]].mean(axis=0)
+        ends = [i[-1], j[-1] % run.case.bonds.node_count]
+        x, y = 1e3 * run.case.discretization.coordinates[ends].mean(axis=0)[:2]
         parts.append(f"after the bond of nodes {i[-1]} and {j[-1]} broke about ({x:.4g}, {y:.4g}) mm")
     return ", ".join(parts)
 
@@ -271,9 +272,10 @@ def _finish_beginning(run: Run, offer: Callable[[Run], None]) -> None:
 
 def start(case: Case) -> State:
     """State at time zero: at rest, initial coverage, prescribed coverage in place."""
-    n, state = case.discretization.volume.size, State()
+    n, axes = case.discretization.coordinates.shape
+    state = State(crack_tip=np.full(axes, np.nan))
     if case.equilibrium is not None:
-        state.displacement, state.force = np.zeros((n, 2)), np.zeros((n, 2))
+        state.displacement, state.force = np.zeros((n, axes)), np.zeros((n, axes))
         u, force = case.equilibrium.solve(state.displacement, case.conditions.values(0.0))
         # A load that is on from the start counts as applied slowly before it: the work of a proportional ramp.
         moves.move_to(case, state, moves.Motion(0.0, 0.0, u, u, force, force), 0.0)
@@ -491,7 +493,7 @@ def record(case: Case, state: State, recorder: Recorder, snapshot: bool) -> None
     if case.equilibrium is not None:
         work = case.equilibrium.work
         row |= case.conditions.reactions(state.force)
-        row |= {f"applied_{p.on}_{'xy'[p.component]}": p.value(state.time) for p in case.conditions.prescribed}
+        row |= {f"applied_{p.on}_{'xyz'[p.component]}": p.value(state.time) for p in case.conditions.prescribed}
         # In equilibrium of a linear body: half the work of the forces that hold it, without another sweep.
         row["elastic_energy"] = -0.5 * case.copies * float(np.sum(state.force * state.displacement))
         row["external_work"] = state.external_work
@@ -517,6 +519,7 @@ def record(case: Case, state: State, recorder: Recorder, snapshot: bool) -> None
             "crack_extension": state.crack_extension,
             "crack_tip_x": state.crack_tip[0],
             "crack_tip_y": state.crack_tip[1],
+            **({"crack_tip_z": state.crack_tip[2]} if state.crack_tip.size == 3 else {}),
             "mean_damage": float(np.average(phi, weights=volume)),
             "broken_bonds": state.broken_bonds,
             "failure_rounds": state.failure_rounds,

@@ -59,14 +59,14 @@ class Preconditioner:
     def __init__(self, body: Body, free: np.ndarray, coordinates: np.ndarray, spacing: np.ndarray) -> None:
         import pyamg
 
-        n = coordinates.shape[0]
+        n, axes = coordinates.shape
         self.free = free.astype(float)
         diagonal = body.diagonal()
         self.inverse_diagonal = np.where(free & (diagonal > 0.0), 1.0 / np.where(diagonal > 0.0, diagonal, 1.0), 0.0)
         starts, column, value = body.short_stiffness(0.5 * SHORT_REACH * spacing, self.free)
         images = body.bonds.images
         if images is None:
-            matrix = sp.bsr_matrix((value, column, starts), shape=(2 * n, 2 * n))
+            matrix = sp.bsr_matrix((value, column, starts), shape=(axes * n, axes * n))
         else:
             # What an image's displacement does is done by that of its node.
             matrix = sp.bsr_matrix((value, column, starts), shape=(2 * n, 2 * len(images.positions)))
@@ -74,10 +74,7 @@ class Preconditioner:
             matrix.sort_indices()
         del starts, column, value
         centred = coordinates - coordinates.mean(axis=0)
-        modes = np.zeros((n, 2, 3))
-        modes[:, 0, 0] = modes[:, 1, 1] = 1.0
-        modes[:, 0, 2], modes[:, 1, 2] = -centred[:, 1], centred[:, 0]
-        modes = (modes * self.free[:, :, None]).reshape(2 * n, 3)
+        modes = (_rigid_motions(centred) * self.free[:, :, None]).reshape(axes * n, -1)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             # Rigid motions need no improving sweeps: with and without, iterations are the same (5e3 to 3e5 nodes).
@@ -85,7 +82,7 @@ class Preconditioner:
                 matrix, B=modes, smooth=SMOOTH, improve_candidates=None, max_levels=2, max_coarse=50
             )
         if len(hierarchy.levels) == 1:
-            self.prolongate, coarse = sp.identity(2 * n, format="csr"), matrix.tocsc()
+            self.prolongate, coarse = sp.identity(axes * n, format="csr"), matrix.tocsc()
         else:
             self.prolongate, coarse = hierarchy.levels[0].P.tocsr(), hierarchy.levels[1].A.tocsc()
         coarse_modes = hierarchy.levels[-1].B
@@ -101,6 +98,18 @@ class Preconditioner:
         """Apply to a residual, N (n, 2); gives a displacement, m (n, 2)."""
         coarse = self._solve_coarse(self.restrict @ residual.reshape(-1))
         return ((self.prolongate @ coarse).reshape(residual.shape) + self.inverse_diagonal * residual) * self.free
+
+
+def _rigid_motions(x: np.ndarray) -> np.ndarray:
+    """Translations and rotations of positions: (n, 2) to (n, 2, 3), (n, 3) to (n, 3, 6)."""
+    n, axes = x.shape
+    turns = ((0, 1),) if axes == 2 else ((0, 1), (1, 2), (2, 0))
+    modes = np.zeros((n, axes, axes + len(turns)))
+    for axis in range(axes):
+        modes[:, axis, axis] = 1.0
+    for k, (a, b) in enumerate(turns, axes):
+        modes[:, a, k], modes[:, b, k] = -x[:, b], x[:, a]
+    return modes
 
 
 def coarse_inverse(matrix: sp.spmatrix, modes: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:

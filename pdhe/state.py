@@ -17,9 +17,9 @@ class State:
     time
         s.
     displacement, force
-        m and N, (n, 2).
+        m and N, (n, dim).
     velocity
-        m/s (n, 2); None without inertia.
+        m/s (n, dim); None without inertia.
     coverage
         Hydrogen coverage (n,).
     held

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from pdhe.case import EDGES, Case
+from pdhe.case import Case
 from pdhe.damage import Candidates
 from pdhe.state import Motion, State
 from pdhe.supersteps import TOLERANCE, LongStep, SuperStepper, growth_of, within
@@ -92,7 +92,7 @@ def _before_failure(state: State, length: float, rate: np.ndarray, motion: Motio
 
 def stepper_of(case: Case, state: State) -> SuperStepper:
     """What takes long steps with the present nodes held and edges prescribed."""
-    edges = {c.on: c.coverage(state.time) for c in case.scene.hydrogen.boundary if c.on in EDGES}
+    edges = {c.on: c.coverage(state.time) for c in case.scene.hydrogen.boundary if c.on in case.diffusion.exchange}
     source = case.diffusion.source(edges)
     if state.stepper is None or not state.stepper.fits(state.held, source):
         state.stepper = SuperStepper(case.diffusion, state.held.copy(), source)

@@ -24,7 +24,7 @@ STEADY = 1e-15
 
 @dataclass(frozen=True)
 class Edge:
-    """A straight edge of the plate: ``coordinate[axis] = position``; images are taken in it."""
+    """A straight edge of the plate, a plane face of a body: ``coordinate[axis] = position``; images are taken in it."""
 
     axis: int
     position: float
@@ -187,7 +187,7 @@ def build_diffusion(
         """Share of the volume of nodes j, or of their images, that nodes i at a distance exchange with."""
         if horizons is None:
             return partial_volume(distance, bonds.horizon, width, partial)
-        # The constant of a kernel goes with the horizon to p - 4 (theory, eq. 4.2).
+        # The constant of a kernel goes with the horizon to p - 4 in the plane (theory, eq. 4.2).
         return two_sided_volume(distance, (horizons[i], horizons[j]), bonds.horizon, width, partial, 4 - power)[0]
 
     base = counted(owner, other, bonds.length, size) * volume[other] / bonds.length**power
@@ -201,7 +201,8 @@ def build_diffusion(
         image = coordinates[j].copy()
         for name in names:
             image[:, edges[name].axis] = 2.0 * edges[name].position - image[:, edges[name].axis]
-        distance = np.hypot(*(image - coordinates[i]).T)
+        apart = image - coordinates[i]
+        distance = np.hypot(*apart.T) if apart.shape[1] == 2 else np.linalg.norm(apart, axis=1)
         width = 0.5 * (spacing[i] + spacing[j])
         return counted(i, j, distance, width) * volume[j] / distance**power, distance
 
@@ -230,8 +231,9 @@ def build_diffusion(
         share = deficit / np.maximum(sum(parts.values()), np.finfo(float).tiny)
         for name, part in parts.items():
             exchange[name] -= np.bincount(i, share * part, volume.size)
-    # A family's second moment is that of the diffusivity when sum base r^2 = 4 D (two axes, a factor of one half).
-    scale = 4.0 * diffusivity / np.where(moment > 0.0, moment, np.inf)
+    # A family's second moment is that of the diffusivity when sum base r^2 = 4 D (two axes, a factor of one half); in
+    # space 6 D.
+    scale = 2.0 * coordinates.shape[1] * diffusivity / np.where(moment > 0.0, moment, np.inf)
     typical = np.median(scale[scale > 0.0]) if (scale > 0.0).any() else 1.0
     scale = np.clip(scale, WEIGHT_LIMITS[0] * typical, WEIGHT_LIMITS[1] * typical)
     rate = 0.5 * (scale[owner] + scale[other]) * (base + even)
@@ -239,7 +241,8 @@ def build_diffusion(
 
 
 def _reflections(edges: dict[str, Edge]) -> list[tuple[str, ...]]:
-    """Single reflections in each edge, and double ones where two edges meet in a corner."""
+    """Single reflections in each edge, double ones where two edges meet, and triple ones in the corners of a body."""
     single = [(name,) for name in edges]
     double = [(a, b) for a in edges for b in edges if edges[a].axis < edges[b].axis]
-    return single + double
+    triple = [(a, b, c) for a, b in double for c in edges if edges[b].axis < edges[c].axis]
+    return single + double + triple

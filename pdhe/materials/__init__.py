@@ -40,4 +40,5 @@ def make_body(
     bonds: Bonds, model: Model, coordinates: np.ndarray, volume: np.ndarray, precision: type = np.float64
 ) -> Body:
     """Put bonds and a model together: the body of the model's own kind; arguments as for :class:`Body`."""
-    return model.body(bonds, model, coordinates, volume, precision)
+    kind = model.body if bonds.dimension == 2 else model.solid_body
+    return kind(bonds, model, coordinates, volume, precision)

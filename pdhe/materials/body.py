@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 
 from pdhe.bonds import Bonds
-from pdhe.kernels import mechanics
+from pdhe.kernels import mechanics, mechanics3d
 from pdhe.kernels.jit import as_float
 from pdhe.materials.constants import micromodulus
 
@@ -30,8 +30,9 @@ class Model:
     horizon: float = field(metadata={"unit": "m"})
     #: ``stress`` or ``strain``: which of the two vanishes across the plate; None in three dimensions.
     plane: str | None = "stress"
-    #: What is made of this model and a set of bonds.
+    #: What is made of this model and a set of bonds in the plane, and of bonds in space; None where there is none.
     body: ClassVar[type[Body]]
+    solid_body: ClassVar[type[Body] | None] = None
     #: Whether rigid rotations are free.
     objective: ClassVar[bool] = True
     #: Tangential over normal micromodulus of a bond; only the ``energy`` correction of bonds asks for it.
@@ -254,9 +255,9 @@ class Body(ABC):
         -------
         starts, column, value
             Blocks of 2 by 2 in compressed rows: int32 (n + 1,), int32 (k,) ascending within a row, and (k, 2, 2).
-            Columns beyond n are of images.
+            Columns beyond n are of images. In space blocks are 3 by 3.
         """
-        b, n = self.bonds, self.bonds.node_count
+        b, n, axes = self.bonds, self.bonds.node_count, self.bonds.dimension
         if b.images is not None:
             reach, free = b.images.extend(reach), b.images.extend(free)
         count, sums = np.empty(n, np.int32), np.empty((n, 2))
@@ -264,13 +265,13 @@ class Body(ABC):
         short, whole = sums.sum(axis=0)
         scale = self.normal * whole / max(short, np.finfo(float).tiny)
         starts = np.concatenate([[0], np.cumsum(count + 1)]).astype(np.int32)
-        column, value = np.empty(starts[-1], np.int32), np.empty((starts[-1], 2, 2))
+        column, value = np.empty(starts[-1], np.int32), np.empty((starts[-1], axes, axes))
         own = np.empty(n, np.int32)
-        mechanics.fill_short(
+        (mechanics if axes == 2 else mechanics3d).fill_short(
             b.offsets, b.neighbours, self._x, self.cubed, reach, b.length, free, scale, starts, column, value, own
         )  # fmt: skip
         # A fixed degree of freedom, or one across a row of nodes, resists nothing: it gets an entry of the usual size.
-        for axis in range(2):
+        for axis in range(axes):
             diagonal = value[own, axis, axis]
             typical = float(diagonal.max(initial=0.0)) or 1.0
             value[own, axis, axis] = np.where(diagonal > 1e-9 * typical, diagonal, typical)

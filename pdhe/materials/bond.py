@@ -12,9 +12,7 @@ from pdhe.kernels import lattice, mechanics, verlet
 from pdhe.kernels.jit import as_float
 from pdhe.materials import constants
 from pdhe.materials.body import Body, Measure, Model
-
-#: Damage at which the tangential stiffness of a node has faded out where that stiffness is negative (theory, eq. 2.5).
-TANGENTIAL_FADE = 0.2
+from pdhe.materials.solid import TANGENTIAL_FADE, SolidBondBody
 
 
 class BondBody(Body):
@@ -270,13 +268,14 @@ class CondensedRotation(Model):
     """
 
     body = BondBody
+    solid_body = SolidBondBody
     condenses_rotation: ClassVar[bool] = True
 
     @property
     def tangential_ratio(self) -> float:
         """Tangential over normal micromodulus (theory, eq. 2.3).
 
-        Negative above a Poisson's ratio of 1/3 in plane stress, of 1/4 in plane strain.
+        Negative above a Poisson's ratio of 1/3 in plane stress, of 1/4 in plane strain and in space.
         """
         return constants.tangential_ratio(self.poissons_ratio, self.plane)
 

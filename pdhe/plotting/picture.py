@@ -33,6 +33,8 @@ def check_kind(result: xr.Dataset, kind: str, path: str | Path) -> None:
         raise PdheError(
             f"no picture of '{kind}'; " + (f"did you mean '{near[0]}'?" if near else f"known: {', '.join(KINDS)}")
         )
+    if "node_z" in result:
+        raise PdheError(f"{path}: is of a body in space, of which there are no pictures yet; see `pdhe history`")
     if kind not in result:
         raise PdheError(f"{path}: the result holds no {kind}, because its scene has no `{KINDS[kind]}`")
 

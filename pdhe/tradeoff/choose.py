@@ -16,6 +16,7 @@ from pdhe.errors import PdheError, SceneError
 from pdhe.fidelity import kind_of, smallest_feature, spacing_for
 from pdhe.provenance import PACKAGE
 from pdhe.scene import Scene, load_scene
+from pdhe.scene_blocks import SOLID_CELLS
 from pdhe.scene_fields import Accuracy
 from pdhe.scene_reading import read_scene_file, reporting
 from pdhe.simulation import Progress, simulate
@@ -87,6 +88,9 @@ def choose(path: str | Path, progress: Progress | None = None) -> Choice:
     if isinstance(raw.get("mesh"), dict) and raw["mesh"].get("refine") is not None:
         text = "cannot be promised on a graded mesh, whose spacings the scene chooses itself"
         raise SceneError(file, "accuracy", raw["accuracy"], text, "leave `mesh.refine` out, or `accuracy`")
+    if isinstance(raw.get("mesh"), dict) and raw["mesh"].get("cells") in SOLID_CELLS:
+        text = "is measured on plane meshes, and this scene is one in space"
+        raise SceneError(file, "accuracy", raw["accuracy"], text, "give `mesh.spacing` instead")
     with reporting(file, raw):
         accuracy = TypeAdapter(Accuracy).validate_python(raw.get("accuracy"))
     base = {"accuracy": None, "fidelity": "fine", "mesh.spacing": None}
@@ -115,9 +119,10 @@ def estimate(scene: Scene, progress: Progress | None = None) -> dict[str, float]
     """Expected error of each quantity of a scene as it is, relative, from runs on coarse meshes.
 
     Covers and leaves out what :func:`choose` does. Empty where nothing can be said cheaply: for meshes that are hardly
-    finer than those of the pilot runs, graded meshes, horizons given as lengths, and scenes without a limit.
+    finer than those of the pilot runs, graded meshes, bodies in space, horizons given as lengths, and scenes without a
+    limit.
     """
-    if scene.mesh.refine:
+    if scene.mesh.refine or scene.mesh.solid:
         return {}
     cheap = spacing_for(scene.geometry, smallest_feature(scene.geometry) / COARSEST, _lattice(scene)) / CHEAP
     if scene.horizon.ratio is None or not has_limit(scene) or scene.mesh.spacing > cheap * (1.0 + 1e-9):

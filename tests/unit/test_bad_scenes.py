@@ -304,7 +304,12 @@ BAD = {
     # loads
     "load on unknown set": ({"loads.0.on": "topp"}, "loads.0.on", "not a node set", "did you mean `top`"),
     "load without displacement": ({"loads.0.displacement": {}}, "loads.0.displacement", "prescribes nothing", "`x`"),
-    "load along z": ({"loads.0.displacement": {"z": "1 mm"}}, "loads.0.displacement.z", "not a known key", "`x`, `y`"),
+    "load along z": (
+        {"loads.0.displacement": {"z": "1 mm"}},
+        "loads.0.displacement.z",
+        "out of its plane",
+        "hexahedron",
+    ),
     "no loads in the list": ({"loads": []}, "loads", "empty list", "leave `loads` out"),
     "load twice on one set": (
         {"loads": [load("top", y="1 um"), load("top", y="1 um")]},
