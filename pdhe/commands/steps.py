@@ -99,7 +99,8 @@ def plan(arguments: argparse.Namespace) -> None:
     print(f"on a cluster this asks for: {asked} (docs/clusters.md)")
     errors = estimate(scene)
     told = ", ".join(f"{name} {100.0 * error:.2g} %" for name, error in errors.items())
-    print(f"expected error of the mesh: {told or 'not estimated (docs/tradeoff.md)'}")
+    why = "not estimated on graded meshes (docs/limits.md)" if scene.mesh.refine else "not estimated (docs/tradeoff.md)"
+    print(f"expected error of the mesh: {told or why}")
 
 
 def _chosen(scene: Path) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -10,6 +10,7 @@ import pytest
 from pdhe import forecast
 from pdhe.benchmarks.problems import SCENE, lattice_nodes, mode_i
 from pdhe.case import build_case
+from pdhe.cli import main
 from pdhe.discretization import discretize, write_discretization
 from pdhe.errors import PdheError
 from pdhe.forecast import PILOT_NODES, make_forecast, pilot_scene
@@ -96,6 +97,16 @@ def test_work_on_a_graded_mesh_is_foretold(tmp_path):
         # Measured 1.1 and 1.3; rounds of failures 2.2.
         assert 1 / 2 < getattr(expected, name) / float(result[name][-1]) < 3, name
     assert "expected work" in make_plan(case, pilot)
+
+
+def test_what_is_not_foretold_on_a_graded_mesh_is_said(tmp_path, capsys):
+    path = tmp_path / "scene.yaml"
+    text = GRADED_SCENE.read_text().replace("spacing: 0.2 mm", "spacing: 1 mm")
+    path.write_text(text.replace("count: 20", "count: 2"))
+    assert main(["plan", str(path)]) == 0
+    told = capsys.readouterr().out
+    assert "graded spacing 0.001 to 0.004 m" in told and "expected memory" in told
+    assert "expected error of the mesh: not estimated on graded meshes (docs/limits.md)" in told
 
 
 FORETELL = """
