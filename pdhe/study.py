@@ -342,7 +342,7 @@ def _wanted(file: str, style: dict[str, Any]) -> Sequence[str]:
     if not isinstance(wanted, list):
         raise SceneError(file, "study.figures.pictures", wanted, "needs a list", f"of {', '.join(PICTURES)}")
     for kind in wanted:
-        if kind not in PICTURES:
+        if not isinstance(kind, str) or kind not in PICTURES:
             raise SceneError(file, "study.figures.pictures", kind, "no such picture", _nearest(str(kind), PICTURES))
     return wanted
 

@@ -58,7 +58,7 @@ def load_check(path: str) -> Check:
         if key not in ("topic", "settings"):
             raise SceneError(path, f"check.{key}", block[key], "unknown key", "known: topic, settings")
     topic = block.get("topic")
-    if topic not in TOPICS:
+    if not isinstance(topic, str) or topic not in TOPICS:
         near = difflib.get_close_matches(str(topic), TOPICS, 1)
         hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(TOPICS)}"
         raise SceneError(path, "check.topic", topic, "no such topic", hint)

@@ -274,3 +274,14 @@ def test_studies_with_a_target_of_their_own_are_apart(write):
     assert load_aside({}) == ()
     with pytest.raises(SceneError, match="path of a study"):
         load_aside({"dynamics": ["a"]})
+
+
+@pytest.mark.parametrize(
+    "text", ["study: {scene: x, figures: {pictures: [[damage]]}}", "check: {topic: [moduli]}", "study: {figures: [1]}"]
+)
+def test_lists_where_words_belong_are_refused(text, tmp_path, capsys):
+    from pdhe import cli
+
+    (tmp_path / "file.yaml").write_text(text)
+    assert cli.main(["validate", str(tmp_path / "file.yaml")]) == 1
+    assert capsys.readouterr().err.count("error: ") == 1
