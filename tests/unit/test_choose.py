@@ -96,7 +96,7 @@ def test_predictions_are_within_a_factor_of_two(name, tmp_path):
     choice = choose(path)
     errors = found(path, choice.changes)
     ratio = choice.predicted / max(errors.values())
-    # Measured, in this order: 0.99, 1.06, 1.08, 1.19, 0.74, 1.86, 1.29.
+    # Measured, in this order: 0.99, 1.06, 1.08, 1.19, 0.74, 1.21, 1.02.
     assert 0.5 < ratio < 2.0, (choice.text(), errors)
     # What was wanted is met but for the margin of the prediction; measured: at most 0.98 times the accuracy.
     assert max(errors.values()) < 1.2 * choice.accuracy
