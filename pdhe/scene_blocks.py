@@ -484,7 +484,7 @@ class Solver(Block):
     """
 
     removed: ClassVar[dict[str, str]] = {
-        "method": "leave it out: conjugate gradients find the same equilibria in 15 to 200 times fewer force sweeps"
+        "method": "leave it out: conjugate gradients find the same equilibria in 14 to 110 times fewer force sweeps"
     }
 
     tolerance: fields.Tolerance = 1e-4
