@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from pdhe.blocks import toughness_ratios
 from pdhe.bonds import Bonds, Families, Grading, build_bonds
 from pdhe.boundary import DisplacementConditions, Prescribed
 from pdhe.damage import FailureRule, critical_stretch, crossing_sum, stretch_factors
@@ -287,7 +288,10 @@ def _require_node_sets(scene: Scene, d: Discretization) -> None:
     if scene.hydrogen is not None:
         wanted += [("hydrogen.boundary", condition.on) for condition in scene.hydrogen.boundary]
     wanted += [("mechanics.axes", item.on) for item in scene.mechanics.axes or ()]
-    wanted += [("damage.no_fail", name) for name in (scene.damage.no_fail if scene.damage else ())]
+    if scene.damage is not None:
+        wanted += [("damage.no_fail", name) for name in scene.damage.no_fail]
+        wanted += [("damage.regions", item.on) for item in scene.damage.regions or ()]
+        wanted += [("damage.interfaces", name) for item in scene.damage.interfaces or () for name in item.between]
     for key, name in wanted:
         if d.node_sets.get(name, np.empty(0)).size == 0:
             known = ", ".join(n for n, nodes in d.node_sets.items() if nodes.size)
@@ -313,10 +317,13 @@ def _failure_rule(scene: Scene, d: Discretization, bonds: Bonds, model) -> Failu
         def weakened(psi: np.ndarray) -> np.ndarray:
             return resistance(law, degradation, psi)
 
-    crossing = crossing_sum(bonds, d.volume)
-    critical = critical_stretch(model, crossing, scene.material.toughness(scene.plane), settings.calibration)
-    rule = FailureRule(critical, crossing, settings.criterion == "energy", weakened, may_fail)
-    return rule if bonds.fineness is None else replace(rule, **stretch_factors(bonds))
+    crossing, toughness = crossing_sum(bonds, d.volume), scene.material.toughness(scene.plane)
+    critical = critical_stretch(model, crossing, toughness, settings.calibration)
+    ratios = None
+    if settings.regions or settings.interfaces:
+        ratios = toughness_ratios(bonds, d.node_sets, settings.regions or (), settings.interfaces or (), toughness)
+    factors = stretch_factors(bonds, ratios)
+    return FailureRule(critical, crossing, settings.criterion == "energy", weakened, may_fail, **factors)
 
 
 def _diffusion(scene: Scene, d: Discretization, bonds: Families, partial: str) -> Diffusion:

@@ -87,9 +87,16 @@ def critical_stretch(model: Model, crossing: float, toughness: float, calibratio
     return float(np.sqrt(2.0 * toughness / (model.normal * crossing)))
 
 
-def stretch_factors(bonds: Bonds) -> dict[str, np.ndarray]:
-    """``factor`` and ``least_factor`` of a :class:`FailureRule` where the horizon varies (theory, eq. 5.11)."""
-    factor = np.sqrt(bonds.fineness)
+def stretch_factors(bonds: Bonds, toughness: np.ndarray | None = None) -> dict[str, np.ndarray]:
+    """``factor`` and ``least_factor`` of a :class:`FailureRule` where the horizon or the fracture energy varies.
+
+    ``toughness`` is the fracture energy of every directed bond over that of the material, (b,) (theory, eqs. 5.11 and
+    5.12). Empty where neither varies.
+    """
+    varying = [values for values in (bonds.fineness, toughness) if values is not None]
+    if not varying:
+        return {}
+    factor = np.sqrt(np.prod(varying, axis=0))
     least, some = np.ones(bonds.node_count), np.diff(bonds.offsets) > 0
     least[some] = np.minimum.reduceat(factor, bonds.offsets[:-1][some])
     return {"factor": factor, "least_factor": least}
@@ -102,7 +109,8 @@ class FailureRule:
     Attributes
     ----------
     critical
-        Dry critical stretch; where the horizon varies, that of the reference horizon.
+        Dry critical stretch; where the horizon or the fracture energy varies, that of the reference horizon and of the
+        material.
     crossing
         What :func:`crossing_sum` gives for these bonds, m^5.
     by_energy
@@ -113,8 +121,8 @@ class FailureRule:
         Directed bonds that are allowed to break, bool (b,); each undirected bond is marked once, seen from the lower
         node.
     factor
-        Where the horizon varies: what ``critical`` is to be multiplied with for each directed bond (b,) (theory, eq.
-        5.11). None where it does not.
+        What ``critical`` is to be multiplied with for each directed bond (b,) where the horizon or the fracture energy
+        varies (theory, eqs. 5.11 and 5.12). None where neither does.
     least_factor
         The smallest factor in the family of each node (n,), or None.
     """

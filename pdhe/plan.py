@@ -155,8 +155,21 @@ def _damage(case: Case) -> str:
     rule = case.rule
     return (
         f"damage: on, criterion {'energy' if rule.by_energy else 'stretch'}, critical stretch {rule.critical:.6g} dry, "
-        f"{rule.weakest:.6g} saturated" + ("" if rule.factor is None else ", at the largest horizon")
+        f"{rule.weakest:.6g} saturated"
+        + ("" if case.bonds.fineness is None else ", at the largest horizon")
+        + _varied(case)
     )
+
+
+def _varied(case: Case) -> str:
+    """By how much the fracture energy differs from bond to bond, where it does."""
+    settings = case.scene.damage
+    if not (settings.regions or settings.interfaces):
+        return ""
+    ratio = case.rule.factor**2
+    if case.bonds.fineness is not None:
+        ratio = ratio / case.bonds.fineness
+    return f"; fracture energy {ratio.min():.4g} to {ratio.max():.4g} times that of the material"
 
 
 def _hydrogen(case: Case) -> str:

@@ -390,12 +390,44 @@ class Load(Block):
         return {}
 
 
+class OwnToughness(Block):
+    """A fracture energy other than that of the material: as such (J/m^2), or as a factor to that of the material."""
+
+    critical_energy_release_rate: fields.EnergyReleaseRate | None = None
+    factor: fields.Factor | None = None
+
+    @model_validator(mode="after")
+    def _one_value(self) -> "OwnToughness":
+        if (self.critical_energy_release_rate is None) == (self.factor is None):
+            raise problem("needs either `critical_energy_release_rate` or `factor`", "for example `factor: 0.25`")
+        return self
+
+    def over(self, toughness: float) -> float:
+        """Fracture energy over that of the material, given the latter (J/m^2)."""
+        given = self.critical_energy_release_rate
+        return self.factor if given is None else given / toughness
+
+
+class ToughnessOn(OwnToughness):
+    """Fracture energy on a node set."""
+
+    on: fields.NodeSet
+
+
+class Interface(OwnToughness):
+    """Fracture energy of the bonds from one node set to another; `all` is what is outside the other one."""
+
+    between: fields.NodeSetPair
+
+
 class Damage(Block):
-    """When bonds break, and the node sets whose bonds never do."""
+    """When bonds break, the node sets whose bonds never do, and where they break at other values than elsewhere."""
 
     criterion: Annotated[str, choice("energy", "stretch")] = "energy"
     calibration: Annotated[str, choice("discrete", "continuum")] = "discrete"
     no_fail: Annotated[tuple[fields.NodeSet, ...], BeforeValidator(fields.as_list)] = ()
+    regions: Annotated[tuple[ToughnessOn, ...], BeforeValidator(fields.as_list)] | None = None
+    interfaces: Annotated[tuple[Interface, ...], BeforeValidator(fields.as_list)] | None = None
 
 
 class CoverageCondition(Block):

@@ -14,7 +14,7 @@ from pdhe.scene_mirrors import Segment, check_symmetry, edge_segments, mirror_le
 
 if TYPE_CHECKING:
     from pdhe.scene import Scene
-    from pdhe.scene_blocks import Crack, Hole, Region
+    from pdhe.scene_blocks import Crack, Damage, Hole, Region
     from pdhe.scene_history import PiecewiseLinear
     from pdhe.sizing import SizeField
 
@@ -385,12 +385,32 @@ def _check_node_sets(scene: "Scene") -> None:
         for k, name in enumerate(scene.damage.no_fail):
             if name in scene.damage.no_fail[:k]:
                 raise problem("is listed twice", "keep one of them", f"damage.no_fail.{k}")
+        places += _toughness_places(scene.damage)
     for key, name in places:
         if name not in scene.node_sets:
             near = difflib.get_close_matches(name, scene.node_sets, 1, 0.5)
             listed = ", ".join(f"`{item}`" for item in scene.node_sets)
             hint = (f"did you mean `{near[0]}`? " if near else "") + f"node sets of this scene: {listed}"
             raise problem("is not a node set", hint, key)
+
+
+def _toughness_places(damage: "Damage") -> list[tuple[str, str]]:
+    """Node sets with a fracture energy of their own, and where they are named; none of them twice."""
+    for key in ("regions", "interfaces"):
+        given = getattr(damage, key)
+        if given is not None and not given:
+            raise problem("is an empty list", f"add an entry, or leave `{key}` out", f"damage.{key}")
+    regions, interfaces = damage.regions or (), damage.interfaces or ()
+    for k, region in enumerate(regions):
+        if region.on in [other.on for other in regions[:k]]:
+            raise problem("is listed twice", "keep one of them", f"damage.regions.{k}.on")
+    for k, interface in enumerate(interfaces):
+        if set(interface.between) in [set(other.between) for other in interfaces[:k]]:
+            raise problem("is listed twice", "keep one of them", f"damage.interfaces.{k}.between")
+    places = [(f"damage.regions.{k}.on", region.on) for k, region in enumerate(regions)]
+    return places + [
+        (f"damage.interfaces.{k}.between", name) for k, interface in enumerate(interfaces) for name in interface.between
+    ]
 
 
 def _check_loads(scene: "Scene") -> None:

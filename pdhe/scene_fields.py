@@ -141,6 +141,7 @@ PoissonsRatio = Annotated[float, _ratio(lambda x: -1.0 < x < 0.5, "greater than 
 CrossRatio = Annotated[float, _ratio(lambda x: -10.0 < x < 10.0, "between -10 and 10")]
 Grouping = Annotated[float, _ratio(lambda x: 0.0 <= x < 1.0, "at least 0 and less than 1")]
 Strength = Annotated[float, _ratio(lambda x: 0.01 <= x <= 100.0, "between 0.01 and 100")]
+Factor = Annotated[float, _ratio(lambda x: 1e-6 <= x <= 1e6, "between 1e-6 and 1e6")]
 Growth = Annotated[float, _ratio(lambda x: 0.0 < x <= 0.5, "greater than 0 and at most 0.5")]
 Tolerance = Annotated[float, _ratio(lambda x: 1e-14 <= x <= 0.1, "between 1e-14 and 0.1")]
 SmallCount = Annotated[int, _count(10_000)]
@@ -172,6 +173,30 @@ NodeSet = Annotated[
         {
             "type": "string",
             "description": "left, right, bottom, top, all, front, back, or the name of a hole, a crack or a region",
+        },
+    ),
+]
+
+
+def _read_pair(value: Any, info: ValidationInfo) -> tuple[str, str]:
+    if not isinstance(value, (list, tuple)) or len(value) != 2:
+        raise problem("must be two node sets", "for example `[weld, plate]`")
+    one, other = (_read_name(name, info) for name in value)
+    if one == other:
+        raise problem("names the same node set twice", "an interface lies between two of them")
+    return one, other
+
+
+NodeSetPair = Annotated[
+    tuple[str, str],
+    Reading(
+        _read_pair,
+        {
+            "type": "array",
+            "items": {"type": "string", "pattern": "^[A-Za-z][A-Za-z0-9_]{0,39}$"},
+            "minItems": 2,
+            "maxItems": 2,
+            "description": "two node sets, for example `[weld, plate]`",
         },
     ),
 ]

@@ -1,0 +1,76 @@
+"""Values of the material that differ from one part of the plate to another, and of bonds between two parts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pdhe.bonds import Bonds
+from pdhe.errors import SceneError
+
+if TYPE_CHECKING:
+    from pdhe.scene_blocks import Interface, ToughnessOn
+
+
+def toughness_ratios(
+    bonds: Bonds,
+    node_sets: Mapping[str, np.ndarray],
+    regions: Sequence[ToughnessOn],
+    interfaces: Sequence[Interface],
+    toughness: float,
+) -> np.ndarray:
+    """Fracture energy of every directed bond over that of the material, (b,) (theory, eq. 5.12).
+
+    Each end of a bond gives half of its fracture energy; a bond from one side of an interface to the other has that
+    of the interface. Later entries go before earlier ones.
+
+    Parameters
+    ----------
+    bonds, node_sets
+        Families, and nodes by name.
+    regions, interfaces
+        Fracture energies by node set, and between two node sets, where `all` is what is outside the other one.
+    toughness
+        Fracture energy of the material, J/m^2.
+
+    Raises
+    ------
+    SceneError
+        If the two sides of an interface share nodes, or no bond leads from one to the other.
+    """
+    node = np.ones(bonds.node_count)
+    for region in regions:
+        node[node_sets[region.on]] = region.over(toughness)
+    owner, far = bonds.owners(), bonds.far()
+    ratio = 0.5 * (node[owner] + node[far])
+    for k, interface in enumerate(interfaces):
+        one, other = _sides(bonds.node_count, node_sets, interface.between, f"damage.interfaces.{k}.between")
+        across = (one[owner] & other[far]) | (other[owner] & one[far])
+        if not across.any():
+            raise SceneError(
+                "scene", f"damage.interfaces.{k}.between", list(interface.between),
+                "no bond leads from one to the other", "name two node sets that lie within a horizon of each other",
+            )  # fmt: skip
+        ratio[across] = interface.over(toughness)
+    return ratio
+
+
+def _sides(
+    count: int, node_sets: Mapping[str, np.ndarray], names: tuple[str, str], key: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """Which nodes lie on the one side and on the other, bool (n,) each."""
+    one, other = np.zeros((2, count), bool)
+    one[node_sets[names[0]]] = other[node_sets[names[1]]] = True
+    if names[0] == "all":
+        one &= ~other
+    elif names[1] == "all":
+        other &= ~one
+    shared = int((one & other).sum())
+    if shared:
+        raise SceneError(
+            "scene", key, list(names), f"are two sets that share {shared} nodes of this mesh",
+            "an interface has every node on one side: make the sets apart",
+        )  # fmt: skip
+    return one, other
