@@ -252,7 +252,8 @@ def _dynamics(scene: Scene, d: Discretization, body: Body, conditions: Displacem
             elif load.kind == "traction":
                 nodes, area = edge_areas(d, load.on, (scene.geometry.width, scene.geometry.height))
                 tractions.append(Traction(load.on, component, given, given.corners, nodes, area))
-    motion = Verlet(body, scene.material.density * d.volume, conditions, tractions, initial, stepping.damping)
+    mass, breaks = scene.material.density * d.volume, scene.damage is not None
+    motion = Verlet(body, mass, conditions, tractions, initial, stepping.damping, breaks)
     if stepping.step is not None and stepping.step > motion.limit:
         raise SceneError(
             "scene", "stepping.step", stepping.step, f"is beyond the stable step of {motion.limit:.4g} s",

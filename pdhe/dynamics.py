@@ -50,8 +50,8 @@ class Work:
     force_sweeps: int = 0
 
 
-def stable_step(body: Body, mass: np.ndarray, free: np.ndarray) -> float:
-    """Longest step that Gershgorin's theorem proves stable for the intact body, s; infinity where nothing is bonded.
+def stable_step(body: Body, mass: np.ndarray, free: np.ndarray, breaks: bool = False) -> float:
+    """Longest step that Gershgorin's theorem proves stable, s; infinity where nothing is bonded.
 
     Parameters
     ----------
@@ -59,8 +59,11 @@ def stable_step(body: Body, mass: np.ndarray, free: np.ndarray) -> float:
         kg (n,).
     free
         Degrees of freedom that move, bool (n, 2): rows of held ones do not matter.
+    breaks
+        Whether bonds may break later on, which stiffens some bodies.
     """
-    largest = float(np.where(free, body.stiffness_rows() / mass[:, None], 0.0).max(initial=0.0))
+    rows = body.stiffest_rows() if breaks else body.stiffness_rows()
+    largest = float(np.where(free, rows / mass[:, None], 0.0).max(initial=0.0))
     return 2.0 / math.sqrt(largest) if largest > 0.0 else math.inf
 
 
@@ -82,6 +85,8 @@ class Verlet:
         Velocity of each node at time zero, m/s (n, 2).
     damping
         Rate, 1/s: a force of that times mass and velocity acts against the motion.
+    breaks
+        Whether bonds may break: steps are then stable whatever does.
     """
 
     def __init__(
@@ -92,6 +97,7 @@ class Verlet:
         tractions: Sequence[Traction],
         initial: np.ndarray,
         damping: float = 0.0,
+        breaks: bool = False,
     ) -> None:
         self.body, self.mass, self.conditions, self.tractions, self.damping = body, mass, conditions, tractions, damping
         n = mass.size
@@ -99,7 +105,7 @@ class Verlet:
         self.u, self.v, self.force, masses = (self._flat(n) for _ in range(4))
         masses[:] = mass[:, None]
         free = ~conditions.fixed
-        self.limit = stable_step(body, mass, free)
+        self.limit = stable_step(body, mass, free, breaks)
         self._u, self._v, self._force, self._masses = map(self._line, (self.u, self.v, self.force, masses))
         inverse = self._flat(n)
         inverse[free] = (1.0 / masses)[free]

@@ -3,8 +3,9 @@
 Shared arguments: ``offsets, neighbours`` directed bonds; ``x`` node positions, m, and ``u`` displacements, m, both (n,
 2); ``cubed`` the bond's ``beta lambda V_i V_j / r^3``, m^3, zero where the bond is broken, equal in both directions;
 ``inverse`` the entries xx, xy, yy of the inverse shape tensor times the volume, 1/m^4 (n, 3); ``control`` the entries
-xx, xy, yy of what resists zero-energy modes, N/m^6 (n, 3); ``gradient`` displacement gradients as xx, xy, yx, yy, the
-displacement first (n, 4); ``state`` what a node adds to the forces of its bonds, N/m^6, in the same order (n, 4).
+xx, xy, yy of what resists zero-energy modes, N/m^6 (n, 3); ``share`` the factor on the stress of a node; ``gradient``
+displacement gradients as xx, xy, yx, yy, the displacement first (n, 4); ``state`` what a node adds to the forces of its
+bonds, N/m^6, in the same order (n, 4).
 
 As in :mod:`pdhe.kernels.mechanics`, geometry comes from the node positions, and a bond streams 12 bytes.
 """
@@ -89,12 +90,12 @@ def linear_stress(stiffness, gradient, stress):
 
 
 @kernel
-def node_state(inverse, control, gradient, stress, state):
-    """Write what each node adds to the forces of its bonds, ``P K^-1 - C1 H`` (theory, eq. 2.17)."""
+def node_state(inverse, share, control, gradient, stress, state):
+    """Write what each node adds to the forces of its bonds, ``g P K^-1 - C1 H`` (theory, eq. 2.17)."""
     for i in prange(gradient.shape[0]):
-        a = inverse[i, 0]
-        b = inverse[i, 1]
-        c = inverse[i, 2]
+        a = share[i] * inverse[i, 0]
+        b = share[i] * inverse[i, 1]
+        c = share[i] * inverse[i, 2]
         p = control[i, 0]
         q = control[i, 1]
         r = control[i, 2]
@@ -136,7 +137,7 @@ def internal_force(offsets, neighbours, x, cubed, control, state, u, force):
 
 
 @kernel
-def elastic_energy(offsets, neighbours, x, cubed, volume, control, gradient, stress, u, energy):
+def elastic_energy(offsets, neighbours, x, cubed, volume, share, control, gradient, stress, u, energy):
     """Write the elastic energy of each node, J (theory, eq. 2.16): of its strain, and of what is not affine."""
     for i in prange(offsets.size - 1):
         total = 0.0
@@ -150,7 +151,7 @@ def elastic_energy(offsets, neighbours, x, cubed, volume, control, gradient, str
             total += c * (control[i, 0] * zx * zx + 2.0 * control[i, 1] * zx * zy + control[i, 2] * zy * zy)
         work = stress[i, 0] * gradient[i, 0] + stress[i, 3] * gradient[i, 3]
         work += stress[i, 1] * gradient[i, 1] + stress[i, 2] * gradient[i, 2]
-        energy[i] = 0.5 * (volume[i] * work + total)
+        energy[i] = 0.5 * (volume[i] * share[i] * work + total)
 
 
 @kernel

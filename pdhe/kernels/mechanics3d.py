@@ -48,7 +48,7 @@ def rotation_weight(nodes, offsets, neighbours, x, cubed, weight):
 
 @kernel
 def node_rotation(offsets, neighbours, x, cubed, inverse, share, u, theta, turning):
-    """Write the condensed rotation of each node (theory, eq. 2.22) and that times its share."""
+    """Write the condensed rotation of each node (theory, eq. 2.23) and that times its share."""
     for i in prange(offsets.size - 1):
         px = x[i, 0]
         py = x[i, 1]
@@ -84,7 +84,7 @@ def node_rotation(offsets, neighbours, x, cubed, inverse, share, u, theta, turni
 
 @kernel
 def internal_force(offsets, neighbours, x, cubed, share, normal, tangential, u, turning, force):
-    """Write the internal force on each node, N (theory, eq. 2.23), into ``force`` of shape (n, 3)."""
+    """Write the internal force on each node, N (theory, eq. 2.24), into ``force`` of shape (n, 3)."""
     half = 0.5 * tangential
     for i in prange(offsets.size - 1):
         px = x[i, 0]

@@ -179,6 +179,10 @@ class Body(ABC):
     def stiffness_rows(self) -> np.ndarray:
         """Upper bound of the sum of the magnitudes in each row of the stiffness, N/m (n, dim): for stable steps."""
 
+    def stiffest_rows(self) -> np.ndarray:
+        """The same, whatever breaks later, N/m (n, dim): bonds that are gone only make this body softer."""
+        return self.stiffness_rows()
+
     @abstractmethod
     def node_parts(self, u: np.ndarray) -> np.ndarray:
         """What the loads of bonds need of their two ends, (n,) or (n, q); linear in the displacements."""

@@ -1,4 +1,4 @@
-"""Correspondence: stresses of classical laws, from a nonlocal deformation gradient (theory, eqs. 2.14 to 2.20)."""
+"""Correspondence: stresses of classical laws, from a nonlocal deformation gradient (theory, eqs. 2.14 to 2.22)."""
 
 from __future__ import annotations
 
@@ -15,6 +15,9 @@ from pdhe.materials.body import Body, Measure, Model
 #: Least over largest principal value of a shape tensor below which a family counts as a row: it has no gradient.
 #: Half discs have 1, quarter discs 0.2; two bonds at an angle of 11 degrees have 0.01.
 ROW = 0.01
+#: Share of the least principal value that the shape tensor had before anything was cut, below which the stress of a
+#: node fades out: bonds along and beside a straight crack leave a half.
+CARRIES_ALL = 0.25
 
 
 def silling_control(model: Correspondence, stiffness: np.ndarray, inverse: np.ndarray) -> np.ndarray:
@@ -48,7 +51,8 @@ CONTROLS = {"wan": wan_control, "silling": silling_control}
 class CorrespondenceBody(Body):
     """Nodes with a displacement gradient and a stress; bonds carry what the stresses of their ends amount to.
 
-    Broken bonds leave the shape tensor, so that the gradient of an affine displacement stays exact. A node whose bonds
+    Broken bonds leave the shape tensor, so that the gradient of an affine displacement stays exact. The few bonds that
+    are left to a node cannot hold the stress of its whole volume: it fades out (theory, eq. 2.20). A node whose bonds
     have come to lie in a row has no gradient any more and only holds on to the states of its neighbours.
     """
 
@@ -65,22 +69,27 @@ class CorrespondenceBody(Body):
         super().__init__(bonds, model, coordinates, volume, precision)
         n = bonds.node_count
         self.stiffness = as_float(model.stiffness())
-        self._tensor, self.inverse = np.empty((n, 3)), np.zeros((n, 3))
+        self._tensor, self.inverse, self.share = np.empty((n, 3)), np.zeros((n, 3)), np.ones(n)
+        every = np.arange(n, dtype=np.int32)
+        kernels.shape(every, bonds.offsets, bonds.neighbours, self._x, bonds.weight / bonds.length**3, self._tensor)
+        self._whole = np.subtract(*_principal(self._tensor))
         #: What resists zero-energy modes, N/m^6; behind that of the nodes, that of images.
         self.control = np.zeros((len(self._x), 3))
-        self._refresh(np.arange(n, dtype=np.int32))
+        self._refresh(every)
 
     def _refresh(self, nodes: np.ndarray) -> None:
         b = self.bonds
         kernels.shape(nodes, b.offsets, b.neighbours, self._x, self.cubed, self._tensor)
         xx, xy, yy = self._tensor[nodes].T
-        middle, spread = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+        middle, spread = _principal(self._tensor[nodes])
         full = (middle > 0.0) & (middle - spread >= ROW * (middle + spread))
         scale = np.where(full, self.volume[nodes] / np.where(full, xx * yy - xy * xy, 1.0), 0.0)
         self.inverse[nodes] = scale[:, None] * np.column_stack([yy, -xy, xx])
         stiffness = self.stiffness if len(self.stiffness) == 1 else self.stiffness[nodes]
         found = CONTROLS[self.model.zero_energy](self.model, stiffness, self.inverse[nodes])
-        self.control[nodes] = np.where(full, self.model.zero_energy_strength, 0.0)[:, None] * found
+        left = np.divide(middle - spread, CARRIES_ALL * self._whole[nodes], out=np.zeros(len(nodes)), where=full)
+        self.share[nodes] = np.minimum(left, 1.0)
+        self.control[nodes] = (self.model.zero_energy_strength * self.share[nodes])[:, None] * found
         if b.images is not None:
             self.control = self._beyond(self.control[: b.node_count], (False, True, False))
 
@@ -124,7 +133,7 @@ class CorrespondenceBody(Body):
 
     def _state(self, gradient: np.ndarray) -> np.ndarray:
         out = np.empty_like(gradient)
-        kernels.node_state(self.inverse, self.control, gradient, self._stress(gradient), out)
+        kernels.node_state(self.inverse, self.share, self.control, gradient, self._stress(gradient), out)
         return self._beyond(out, (False, True, True, False))
 
     def force(self, u: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
@@ -141,7 +150,7 @@ class CorrespondenceBody(Body):
         b, u, out = self.bonds, as_float(u), np.empty(self.bonds.node_count)
         gradient = self._gradient(u)
         kernels.elastic_energy(
-            b.offsets, b.neighbours, self._x, self.cubed, self.volume, self.control, gradient,
+            b.offsets, b.neighbours, self._x, self.cubed, self.volume, self.share, self.control, gradient,
             self._stress(gradient), self._with_images(u), out,
         )  # fmt: skip
         return out
@@ -158,13 +167,24 @@ class CorrespondenceBody(Body):
         A displacement of the family splits into an affine part and a rest, orthogonal in the sums; the former has at
         most the largest stiffness times its gradient squared, which the least value of the shape tensor bounds.
         """
-        stiffest = np.linalg.eigvalsh(constants.mandel(self.model.tensor()))[:, -1]
-        largest = 0.5 * (self.inverse[:, 0] + self.inverse[:, 2]) + np.hypot(
-            0.5 * (self.inverse[:, 0] - self.inverse[:, 2]), self.inverse[:, 1]
-        )
-        xx, xy, yy = self.control[: self.bonds.node_count].T
-        held = 0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy)
-        bound = np.maximum(stiffest * largest, held)
+        held = sum(_principal(self.control[: self.bonds.node_count]))
+        return self._rows(np.maximum(self._stiffest() * self.share * sum(_principal(self.inverse)), held))
+
+    def stiffest_rows(self) -> np.ndarray:
+        """The same, whatever breaks: a family can get stiffer for what is left of it, up to where its stress fades."""
+        some = self._whole > 0.0
+        inverse = np.where(some, self.volume, 0.0) / np.where(some, CARRIES_ALL * self._whole, 1.0)
+        affine = self._stiffest() * inverse
+        # The stiffness makes of a tensor one of at most its own norm times the stiffest; that has root 2 of its values.
+        held = np.sqrt(2.0) * affine if self.model.zero_energy == "wan" else 0.5 * self.normal
+        return self._rows(np.maximum(affine, self.model.zero_energy_strength * held))
+
+    def _stiffest(self) -> np.ndarray:
+        """Largest eigenvalue of the stiffness, Pa, of all nodes or of each."""
+        return np.linalg.eigvalsh(constants.mandel(self.model.tensor()))[:, -1]
+
+    def _rows(self, bound: np.ndarray) -> np.ndarray:
+        """Rows of springs between nodes, given what they are at each end, N/m^6 (n,)."""
         b, out = self.bonds, np.empty_like(self.coordinates)
         spring = self._beyond(np.column_stack([bound, np.zeros_like(bound), bound]), (False, False, False))
         kernels.control_diagonal(b.offsets, b.neighbours, self._x, self.cubed, spring, out)
@@ -200,7 +220,7 @@ class CorrespondenceBody(Body):
         return np.stack(parts)
 
     def measure(self, bond: np.ndarray, owner: np.ndarray) -> Measure:
-        """Half the work of the forces of a bond on its elongation, as either end sees it (theory, eq. 2.20)."""
+        """Half the work of the forces of a bond on its elongation, as either end sees it (theory, eq. 2.21)."""
         normal = self.normal
 
         def square(parts: np.ndarray) -> np.ndarray:
@@ -220,6 +240,12 @@ class CorrespondenceBody(Body):
             np.ascontiguousarray(nodes[:, 4]), self.normal, by_energy, self._with_images(u), breakable, resistance, top,
         )  # fmt: skip
         return top, nodes
+
+
+def _principal(tensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean of the two principal values of tensors xx, xy, yy (n, 3), and half their difference."""
+    xx, xy, yy = tensor.T
+    return 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
 
 
 @dataclass(frozen=True)
