@@ -40,6 +40,7 @@ include: "workflow/rules/verification.smk"
 include: "workflow/rules/benchmarks.smk"
 include: "workflow/rules/tradeoff.smk"
 include: "workflow/rules/extremes.smk"
+include: "workflow/rules/umat.smk"
 
 
 localrules:

@@ -26,6 +26,7 @@ from pdhe.commands.reports import (
     verdict,
 )
 from pdhe.commands.steps import choose, mesh, nodes, plan, run, solve
+from pdhe.commands.umat import umat_build, umat_check
 from pdhe.errors import Interrupted, PdheError
 
 _HINTS = (
@@ -201,6 +202,20 @@ def _parser() -> argparse.ArgumentParser:
     picture, numbers = file("--picture", help="picture to write"), file("--csv", help="table of all runs to write")
     models = file("--models", help="orders of convergence to write, for `pdhe choose`", required=False)
     add(tradeoff_page, measured, file("--out", help="page to write"), picture, numbers, tables, models)
+    source = option("source", type=Path, metavar="SOURCE", help=".c, .f, .for, .f90 or a compiled .so")
+    add(umat_build, source, file("--out", help="library to write; printed where it is when not given", required=False))
+    add(
+        umat_check,
+        source,
+        option("--name", default="MATERIAL", help="name that the routine is told"),
+        option("--properties", default="[]", metavar="JSON", help="list of its properties"),
+        option("--state", default="[]", metavar="JSON", help="list of initial state variables"),
+        option("--plane", default="strain", choices=("strain", "stress", "solid"), help="NDI and NSHR"),
+        option("--strains", required=True, metavar="JSON", help="list of strains, each a number or a list"),
+        option("--free", default="[]", metavar="JSON", help="components without stress, from 1"),
+        option("--symbol", default="umat_", help="name of the routine in the library"),
+        anywhere,
+    )
     return parser
 
 

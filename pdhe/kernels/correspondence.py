@@ -78,7 +78,7 @@ def displacement_gradient(offsets, neighbours, x, cubed, volume, inverse, u, gra
 def linear_stress(stiffness, gradient, stress):
     """Write the stress of small strains, Pa (n, 4); ``stiffness`` holds xx-xx, xx-yy, xx-xy, yy-yy, yy-xy, xy-xy."""
     for i in prange(gradient.shape[0]):
-        m = i if stiffness.shape[0] > 1 else 0
+        m = uint64(i) if stiffness.shape[0] > 1 else uint64(0)
         xx = gradient[i, 0]
         yy = gradient[i, 3]
         xy = gradient[i, 1] + gradient[i, 2]

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import numba
 import numpy as np
 import pytest
 
@@ -182,3 +183,16 @@ def test_no_breakage_makes_a_body_stiffer_than_foretold(zero_energy):
         largest.append(values[-1])
     assert max(largest) <= foretold
     assert body.share.min() < 0.5
+
+
+@pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="this process may have one thread only")
+def test_two_threads_give_the_same_bits():
+    x, body = correspondence(perturb=0.2)
+    u, before, found = np.random.default_rng(5).normal(size=x.shape), numba.get_num_threads(), []
+    try:
+        for threads in (1, 2):
+            numba.set_num_threads(threads)
+            found.append((body.force(u), body.energy(u)))
+    finally:
+        numba.set_num_threads(before)
+    assert np.array_equal(found[0][0], found[1][0]) and np.array_equal(found[0][1], found[1][1])

@@ -1,0 +1,142 @@
+"""Static equilibrium of bodies with a history, increment by increment: Newton's method (theory, section 7)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pdhe.errors import SimulationError
+from pdhe.kernels.vectors import dot
+from pdhe.materials.user import UserBody
+from pdhe.solvers import Preconditioner, Work
+
+#: Residual of a linear solve over the one it started from: less makes no Newton step shorter that is not the last.
+LINEAR = 1e-4
+#: Linear iterations after which a solve is given up.
+MOST_LINEAR = 2000
+#: Times that a step is halved before it is taken for a failure.
+HALVINGS = 8
+
+
+class Increments:
+    """Brings a body with a history from one equilibrium to the next.
+
+    Every Newton step solves with the tangent of the last trial by conjugate gradients; a step that does not lower the
+    residual is halved. The history is committed once the equilibrium is there.
+
+    Parameters
+    ----------
+    body
+        The body; its history is advanced.
+    fixed
+        Prescribed degrees of freedom, bool (n, 2).
+    spacing
+        Of each node, m (n,).
+    tolerance
+        Norm of the residual over the free degrees of freedom, relative to that of the forces at the prescribed ones,
+        the largest of the history counting.
+    most_iterations
+        Newton steps of an increment.
+    """
+
+    def __init__(
+        self, body: UserBody, fixed: np.ndarray, spacing: np.ndarray, tolerance: float = 1e-8, most_iterations: int = 30
+    ) -> None:
+        self.body, self.fixed, self.free = body, fixed, (~fixed).astype(float)
+        self.tolerance, self.most_iterations = tolerance, most_iterations
+        self.reference, self.work = 0.0, Work()
+        #: Relative residuals of the last increment, one a Newton step.
+        self.residuals: list[float] = []
+        self._precondition = Preconditioner(body, ~fixed, body.coordinates, spacing)
+
+    def step(self, u: np.ndarray, prescribed: np.ndarray, length: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+        """Advance by one increment.
+
+        Parameters
+        ----------
+        u
+            Displacements of the last equilibrium, m (n, 2); not changed.
+        prescribed
+            Values of the fixed degrees of freedom at the end of the increment, m (n, 2).
+        length
+            Time of the increment, s.
+
+        Returns
+        -------
+        u, force
+            Displacements, m, and internal forces, N, both (n, 2).
+
+        Raises
+        ------
+        SimulationError
+            Without an equilibrium, or when the user material refuses; the history stays as it was.
+        """
+        self.body.increment = length
+        force = self._force(u)
+        # What the prescribed motion does on the way in, with the tangent of the start.
+        moved = np.where(self.fixed, prescribed - u, 0.0)
+        tangent = self.body.tangent()
+        change = moved + self._solve(tangent, (force + tangent.force(moved)) * self.free)
+        u, force = self._accept(u, change, np.inf)
+        self.residuals = []
+        for _ in range(self.most_iterations):
+            residual = force * self.free
+            norm = np.sqrt(dot(residual, residual))
+            held = force * self.fixed
+            scale = max(self.reference, float(np.sqrt(dot(held, held))))
+            self.residuals.append(norm / scale if scale > 0.0 else 0.0)
+            if norm <= self.tolerance * scale:
+                self.reference = scale
+                self.body.points.commit()
+                self.work.equilibrium_solves += 1
+                return u, force
+            u, force = self._accept(u, self._solve(self.body.tangent(), residual), norm)
+        raise SimulationError(
+            f"equilibrium of increment {self.body.points.increments + 1} not reached: relative residuals "
+            f"{', '.join(f'{value:.2g}' for value in self.residuals[-3:])} in the last Newton steps of "
+            f"{self.most_iterations} (wanted {self.tolerance:g}); take shorter increments, or look at DDSDDE"
+        )
+
+    def _accept(self, u: np.ndarray, change: np.ndarray, norm: float) -> tuple[np.ndarray, np.ndarray]:
+        """Take a step, halved until the residual is smaller than it was."""
+        share = 1.0
+        for _ in range(HALVINGS):
+            moved = u + share * change
+            force = self._force(moved)
+            residual = force * self.free
+            if np.sqrt(dot(residual, residual)) < norm:
+                return moved, force
+            share *= 0.5
+        raise SimulationError(
+            f"equilibrium of increment {self.body.points.increments + 1} not reached: no share of a Newton step lowers "
+            f"the residual of {norm:.3g} N; take shorter increments, or look at DDSDDE"
+        )
+
+    def _solve(self, tangent, residual: np.ndarray) -> np.ndarray:
+        """Displacements that take a residual away, to first order."""
+        goal = LINEAR * np.sqrt(dot(residual, residual))
+        out, direction, rz, residual = np.zeros_like(residual), np.zeros_like(residual), 1.0, residual.copy()
+        for _ in range(MOST_LINEAR):
+            if np.sqrt(dot(residual, residual)) <= goal:
+                return out
+            z = self._precondition(residual)
+            rz, previous = dot(residual, z), rz
+            direction = z + rz / previous * direction
+            change = tangent.force(direction) * self.free
+            self.work.force_sweeps += 1
+            self.work.equilibrium_iterations += 1
+            curvature = -dot(direction, change)
+            if not curvature > 0.0:
+                raise SimulationError(
+                    f"equilibrium of increment {self.body.points.increments + 1} not reached: DDSDDE of the user "
+                    "material is not positive (softening?); take shorter increments"
+                )
+            out += rz / curvature * direction
+            residual += rz / curvature * change
+        raise SimulationError(
+            f"equilibrium of increment {self.body.points.increments + 1} not reached: the tangent cannot be solved "
+            f"with in {MOST_LINEAR} iterations"
+        )
+
+    def _force(self, u: np.ndarray) -> np.ndarray:
+        self.work.force_sweeps += 1
+        return self.body.force(u)
