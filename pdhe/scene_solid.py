@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 FACES = ("front", "back")
 """Node set names that every body in space has beside those of a plate: at z = 0 and at the thickness."""
-SOLID_MODELS = ("condensed rotation", "thesis spring", "one-parameter")
+SOLID_MODELS = ("condensed rotation", "thesis spring", "one-parameter", "state-based")
 """Elastic models that there are in space."""
 SQUARENESS = 0.02
 """Largest relative difference of the sides of a cell on a structured mesh."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdhe.bonds import Bonds
-from pdhe.kernels import mechanics, state_based
+from pdhe.kernels import mechanics, mechanics3d, state_based
 from pdhe.kernels.jit import as_float
 from pdhe.materials import constants
 from pdhe.materials.body import Body, Measure, Model
@@ -77,7 +77,8 @@ class StateBasedBody(Body):
     def diagonal(self) -> np.ndarray:
         """Diagonal of the stiffness of bonds with the same energy in an isotropic extension, N/m (n, dim)."""
         b, out = self.bonds, np.empty_like(self.coordinates)
-        mechanics.stiffness_diagonal(b.offsets, b.neighbours, self._x, self.cubed, self.normal, 0.0, out)
+        kernels = mechanics if b.dimension == 2 else mechanics3d
+        kernels.stiffness_diagonal(b.offsets, b.neighbours, self._x, self.cubed, self.normal, 0.0, out)
         return out
 
     def stiffness_rows(self) -> np.ndarray:
@@ -134,6 +135,7 @@ class StateBased(Model):
     """
 
     body = StateBasedBody
+    solid_body = StateBasedBody
 
     @property
     def dimensions(self) -> int:

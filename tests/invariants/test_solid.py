@@ -17,7 +17,7 @@ STATES = {
     "damaged": {"perturb": 0.2, "break_share": 0.2},
     "nearly all broken": {"break_share": 0.97},
 }
-MODES = ("condensed rotation", "one-parameter")
+MODES = ("condensed rotation", "one-parameter", "state-based")
 
 
 @pytest.fixture(params=STATES, ids=list(STATES))
@@ -39,8 +39,9 @@ def test_rigid_motion_is_free(model, options):
     assert abs(body.energy(turned).sum()) < 1e-20 * body.energy(np.column_stack([x[:, 0], 0 * x[:, :2]])).sum()
 
 
-def test_momentum_is_balanced_and_the_force_is_the_slope_of_the_energy(options):
-    x, body = make_solid(**options)
+@pytest.mark.parametrize("model", MODES)
+def test_momentum_is_balanced_and_the_force_is_the_slope_of_the_energy(model, options):
+    x, body = make_solid(model=model, **options)
     rng = np.random.default_rng(1)
     u, v = rng.normal(size=(2, *x.shape))
     force = body.force(u)
@@ -60,8 +61,11 @@ def test_one_bond_carries_no_tangential_force():
     assert np.abs(force).max() < 1e-15 * body.diagonal().max() * 1e-6
 
 
-@pytest.mark.parametrize("nu", [0.1, 0.25, 0.29])
-def test_uniform_strains_have_the_energy_of_the_continuum(nu):
+@pytest.mark.parametrize(
+    ("model", "nu"),
+    [*(("condensed rotation", nu) for nu in (0.1, 0.25, 0.29)), ("state-based", 0.1), ("state-based", 0.4)],
+)
+def test_uniform_strains_have_the_energy_of_the_continuum(model, nu):
     """Where every family is whole, the fourth moments, hence all elastic constants, are nearly those of a full ball.
 
     Corrections change inner bonds as well, since inner nodes share bonds with outer ones. Measured, the largest
@@ -70,13 +74,23 @@ def test_uniform_strains_have_the_energy_of_the_continuum(nu):
     """
     lame, shear = YOUNG * nu / ((1 + nu) * (1 - 2 * nu)), YOUNG / (2 * (1 + nu))
     for perturb, partial in ((0.0, "full"), (0.15, "ramp")):
-        x, body = make_solid((16, 12, 10), nu=nu, m=3.015, perturb=perturb, partial=partial)
+        x, body = make_solid((16, 12, 10), model=model, nu=nu, m=3.015, perturb=perturb, partial=partial)
         for strain in (np.eye(3), np.diag([1.0, -1.0, 0.0]), np.array([[0, 1, 0], [1, 0, 0], [0, 0, 0.0]])):
             energy = body.energy(1e-4 * x @ strain)
             expected = 0.5e-8 * (lame * np.trace(strain) ** 2 + 2 * shear * np.sum(strain**2))
             inside = (np.abs(x - x.mean(axis=0)) < [5e-3, 3e-3, 2e-3]).all(axis=1)
             assert (energy[inside] / body.volume[inside]).mean() == pytest.approx(expected, rel=0.04)
             assert energy.sum() / body.volume.sum() == pytest.approx(expected, rel=0.06)
+
+
+def test_a_state_based_solid_is_never_indefinite_and_its_rows_bound_it():
+    for nu, broken in ((0.45, 0.0), (0.45, 0.5), (-0.5, 0.5)):
+        x, body = make_solid((5, 4, 4), nu=nu, model="state-based", perturb=0.1, break_share=broken)
+        stiffness = np.stack([-body.force(unit.reshape(-1, 3)).ravel() for unit in np.eye(x.size)])
+        values = np.linalg.eigvalsh(0.5 * (stiffness + stiffness.T))
+        # Measured at worst -3e-16 of the largest; six rigid motions.
+        assert values[0] > -1e-12 * values[-1] and values[-1] <= body.stiffness_rows().max()
+        assert broken or (values[5] < 1e-9 * values[-1] < values[6])
 
 
 def test_a_plane_cut_takes_the_fracture_energy_per_area():

@@ -111,7 +111,7 @@ BAD = {
     ),
     "energy correction": ({"mechanics__weights": "energy"}, "mechanics.weights", "made for plates", "moment matched"),
     "plane strain": ({"mechanics__plane": "strain"}, "mechanics.plane", "state of plates", "leave it out"),
-    "state-based": ({"mechanics__model": "state-based"}, "mechanics.model", "made for plates", "condensed rotation"),
+    "correspondence": ({"mechanics__model": "correspondence"}, "mechanics.model", "made for plates", "condensed rotation"),
     "mirror lines": ({"geometry__symmetry": ["right"]}, "geometry.symmetry", "plates alone", "whole body"),
     "fidelity": ({"fidelity": "fine"}, "fidelity", "plane meshes", "mesh.spacing"),
     "graded": (
