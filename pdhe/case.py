@@ -9,7 +9,7 @@ import numpy as np
 from pdhe.blocks import toughness_ratios
 from pdhe.bonds import Bonds, Families, Grading, build_bonds
 from pdhe.boundary import DisplacementConditions, Prescribed
-from pdhe.damage import FailureRule, critical_stretch, crossing_sum, stretch_factors
+from pdhe.damage import CRITERIA, FailureRule, critical_stretch, crossing_sum, stretch_factors, stretch_squares
 from pdhe.discretization import Discretization
 from pdhe.dynamics import Traction, Verlet
 from pdhe.embrittlement import LAWS, resistance
@@ -319,12 +319,14 @@ def _failure_rule(scene: Scene, d: Discretization, bonds: Bonds, model) -> Failu
             return resistance(law, degradation, psi)
 
     crossing, toughness = crossing_sum(bonds, d.volume), scene.material.toughness(scene.plane)
-    critical = critical_stretch(model, crossing, toughness, settings.calibration)
+    criterion = CRITERIA[settings.criterion]
+    spent = crossing_sum(bonds, d.volume, stretch_squares(bonds, criterion)) if criterion.equal_energy else crossing
+    critical = critical_stretch(model, spent, toughness, settings.calibration, criterion)
     ratios = None
     if settings.regions or settings.interfaces:
         ratios = toughness_ratios(bonds, d.node_sets, settings.regions or (), settings.interfaces or (), toughness)
-    factors = stretch_factors(bonds, ratios)
-    return FailureRule(critical, crossing, settings.criterion == "energy", weakened, may_fail, **factors)
+    factors = stretch_factors(bonds, ratios, criterion)
+    return FailureRule(critical, crossing, criterion.by_energy, weakened, may_fail, **factors)
 
 
 def _diffusion(scene: Scene, d: Discretization, bonds: Families, partial: str) -> Diffusion:

@@ -15,14 +15,50 @@ from pdhe.materials.body import load_of
 _DIRECTIONS = 60
 
 
-def crossing_sum(bonds: Bonds, volume: np.ndarray) -> float:
+@dataclass(frozen=True)
+class Criterion:
+    """What a bond breaks by.
+
+    Attributes
+    ----------
+    by_energy
+        Compare the bond's whole energy instead of its stretch alone.
+    equal_energy
+        Bonds of all lengths hold the same energy per product of the two volumes when they break; otherwise they have
+        the same stretch.
+    """
+
+    by_energy: bool
+    equal_energy: bool
+
+
+#: Criteria by the name that scenes use. A new one of these kinds is one line here.
+CRITERIA = {
+    "energy": Criterion(by_energy=True, equal_energy=False),
+    "stretch": Criterion(by_energy=False, equal_energy=False),
+    "energy density": Criterion(by_energy=True, equal_energy=True),
+}
+
+
+def stretch_squares(bonds: Bonds, criterion: Criterion) -> np.ndarray | None:
+    """Square of every bond's critical stretch over that of :func:`critical_stretch`, (b,); None where all have it.
+
+    Where the horizon varies, by eq. 5.11 of the theory; bonds of equal energy by eq. 5.13, in which a horizon that
+    varies cancels out.
+    """
+    return bonds.horizon / bonds.length if criterion.equal_energy else bonds.fineness
+
+
+def crossing_sum(bonds: Bonds, volume: np.ndarray, squares: np.ndarray | None = None) -> float:
     """Sum of ``beta lambda V_i V_j r`` over the bonds that cross a unit area of a crack, m^5 (theory, eq. 5.4).
 
     A bond of length r crosses a unit length of a crack with normal n with the mean frequency ``|xi . n|``. On a lattice
     the sum depends on the crack's orientation by some per cent; it is taken for the weakest one, which is where cracks
     run. Only nodes whose family is whole enter (all of them where none is). Where the horizon varies, every bond counts
-    with its fineness, which makes the sum that of the reference horizon (theory, eq. 5.11).
+    with its fineness, which makes the sum that of the reference horizon (theory, eq. 5.11). ``squares`` (b,), from
+    :func:`stretch_squares`, go before the fineness: the sum is then for critical stretches that differ.
     """
+    squares = bonds.fineness if squares is None else squares
     size, within = np.diff(bonds.offsets), np.diff(bonds.offsets)
     if bonds.horizons is not None:  # how many others see a node depends on how the horizon varies
         within = bonds.sum_by_node((bonds.length <= bonds.horizons[bonds.owners()]).astype(np.int64))
@@ -30,14 +66,16 @@ def crossing_sum(bonds: Bonds, volume: np.ndarray) -> float:
     inside = np.repeat(interior, size)
     if bonds.dimension == 3:
         rows = np.flatnonzero(inside)
-        return 0.5 * _weakest_plane(bonds, rows) / float(volume[interior].sum())
+        return 0.5 * _weakest_plane(bonds, rows, squares) / float(volume[interior].sum())
     angle = np.arctan2(bonds.ny[inside], bonds.nx[inside]) % np.pi
     sectors = 3600
     sector = np.rint(angle * (sectors / np.pi)).astype(np.int64) % sectors
     weight, area = bonds.weight * bonds.length**2, volume[interior].sum()
+    if squares is not None:
+        weight = weight * squares
     if bonds.fineness is not None:
         # Every node counts alike: most are where the mesh is fine, and that is where cracks run.
-        weight, area = weight * bonds.fineness / volume[bonds.owners()], interior.sum()
+        weight, area = weight / volume[bonds.owners()], interior.sum()
     by_direction = np.bincount(sector, weight[inside], sectors)
     if bonds.images is not None:  # the images of these bonds are in the body as well
         by_direction = 0.5 * (by_direction + by_direction[-np.arange(sectors)])
@@ -47,9 +85,11 @@ def crossing_sum(bonds: Bonds, volume: np.ndarray) -> float:
     return float(0.5 * across.min() / area)
 
 
-def _weakest_plane(bonds: Bonds, rows: np.ndarray) -> float:
+def _weakest_plane(bonds: Bonds, rows: np.ndarray, squares: np.ndarray | None) -> float:
     """Least sum of ``weight r |xi . n|`` of some bonds in space over the orientations n of a plane, m^8."""
     weight = bonds.weight[rows] * bonds.length[rows] ** 2
+    if squares is not None:
+        weight *= squares[rows]
     direction = np.column_stack([bonds.nx[rows], bonds.ny[rows], bonds.nz[rows]])
     # Bonds of nearly one direction count together: the directions are rounded to a grid about 1 degree wide.
     cell = np.rint(direction * _DIRECTIONS).astype(np.int64) + _DIRECTIONS
@@ -72,14 +112,23 @@ def _orientations() -> np.ndarray:
     return np.concatenate([grid / np.linalg.norm(grid, axis=1)[:, None], spread])
 
 
-def critical_stretch(model: Model, crossing: float, toughness: float, calibration: str) -> float:
+def critical_stretch(
+    model: Model, crossing: float, toughness: float, calibration: str, criterion: Criterion = CRITERIA["energy"]
+) -> float:
     """Critical stretch of a dry bond for a fracture energy ``toughness``, J/m^2.
 
     ``continuum`` uses the integral over a full disc, ``G = k_n s_c^2 h delta^4 / 4`` (theory, eq. 5.3), in space over a
     full ball, ``G = pi k_n s_c^2 delta^5 / 10``; ``discrete``
     the bonds that the actual set of nodes has (``crossing`` from :func:`crossing_sum`), which differ from the integral
-    by up to 18 % in energy.
+    by up to 18 % in energy. Of bonds of equal energy it is that of one as long as the horizon: they have
+    ``w_c = 3 G / (2 h delta^3)`` in the plane and ``4 G / (pi delta^4)`` in space (theory, eq. 5.13), and
+    ``crossing`` is for their :func:`stretch_squares`.
     """
+    if calibration == "continuum" and criterion.equal_energy:
+        whole = (
+            np.pi * model.horizon**4 / 4.0 if model.plane is None else 2.0 * model.thickness * model.horizon**3 / 3.0
+        )
+        return float(np.sqrt(2.0 * toughness / (model.normal * model.horizon * whole)))
     if calibration == "continuum" and model.plane is None:
         return float(np.sqrt(10.0 * toughness / (np.pi * model.normal * model.horizon**5)))
     if calibration == "continuum":
@@ -87,13 +136,15 @@ def critical_stretch(model: Model, crossing: float, toughness: float, calibratio
     return float(np.sqrt(2.0 * toughness / (model.normal * crossing)))
 
 
-def stretch_factors(bonds: Bonds, toughness: np.ndarray | None = None) -> dict[str, np.ndarray]:
-    """``factor`` and ``least_factor`` of a :class:`FailureRule` where the horizon or the fracture energy varies.
+def stretch_factors(
+    bonds: Bonds, toughness: np.ndarray | None = None, criterion: Criterion = CRITERIA["energy"]
+) -> dict[str, np.ndarray]:
+    """``factor`` and ``least_factor`` of a :class:`FailureRule` where bonds have different critical stretches.
 
-    ``toughness`` is the fracture energy of every directed bond over that of the material, (b,) (theory, eqs. 5.11 and
-    5.12). Empty where neither varies.
+    ``toughness`` is the fracture energy of every directed bond over that of the material, (b,) (theory, eqs. 5.11 to
+    5.13). Empty where all bonds are alike.
     """
-    varying = [values for values in (bonds.fineness, toughness) if values is not None]
+    varying = [values for values in (stretch_squares(bonds, criterion), toughness) if values is not None]
     if not varying:
         return {}
     factor = np.sqrt(np.prod(varying, axis=0))
@@ -110,7 +161,7 @@ class FailureRule:
     ----------
     critical
         Dry critical stretch; where the horizon or the fracture energy varies, that of the reference horizon and of the
-        material.
+        material. Of bonds of equal energy, that of one as long as the horizon.
     crossing
         What :func:`crossing_sum` gives for these bonds, m^5.
     by_energy
@@ -121,8 +172,8 @@ class FailureRule:
         Directed bonds that are allowed to break, bool (b,); each undirected bond is marked once, seen from the lower
         node.
     factor
-        What ``critical`` is to be multiplied with for each directed bond (b,) where the horizon or the fracture energy
-        varies (theory, eqs. 5.11 and 5.12). None where neither does.
+        What ``critical`` is to be multiplied with for each directed bond (b,) where they differ (theory,
+        eqs. 5.11 to 5.13). None where they do not.
     least_factor
         The smallest factor in the family of each node (n,), or None.
     """

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pdhe.case import Case
+from pdhe.damage import CRITERIA, stretch_squares
 from pdhe.errors import SceneError
 from pdhe.forecast import Forecast, Pilot, make_forecast, motion_steps
 from pdhe.scene_mirrors import whole_length
@@ -154,8 +155,9 @@ def _damage(case: Case) -> str:
         return "damage: off (the scene has no damage block): no bond bookkeeping"
     rule = case.rule
     return (
-        f"damage: on, criterion {'energy' if rule.by_energy else 'stretch'}, critical stretch {rule.critical:.6g} dry, "
+        f"damage: on, criterion {case.scene.damage.criterion}, critical stretch {rule.critical:.6g} dry, "
         f"{rule.weakest:.6g} saturated"
+        + (", of bonds as long as the horizon" if CRITERIA[case.scene.damage.criterion].equal_energy else "")
         + ("" if case.bonds.fineness is None else ", at the largest horizon")
         + _varied(case)
     )
@@ -166,9 +168,9 @@ def _varied(case: Case) -> str:
     settings = case.scene.damage
     if not (settings.regions or settings.interfaces):
         return ""
-    ratio = case.rule.factor**2
-    if case.bonds.fineness is not None:
-        ratio = ratio / case.bonds.fineness
+    ratio, alike = case.rule.factor**2, stretch_squares(case.bonds, CRITERIA[settings.criterion])
+    if alike is not None:
+        ratio = ratio / alike
     return f"; fracture energy {ratio.min():.4g} to {ratio.max():.4g} times that of the material"
 
 

@@ -423,7 +423,7 @@ class Interface(OwnToughness):
 class Damage(Block):
     """When bonds break, the node sets whose bonds never do, and where they break at other values than elsewhere."""
 
-    criterion: Annotated[str, choice("energy", "stretch")] = "energy"
+    criterion: Annotated[str, choice("energy", "stretch", "energy density")] = "energy"
     calibration: Annotated[str, choice("discrete", "continuum")] = "discrete"
     no_fail: Annotated[tuple[fields.NodeSet, ...], BeforeValidator(fields.as_list)] = ()
     regions: Annotated[tuple[ToughnessOn, ...], BeforeValidator(fields.as_list)] | None = None

@@ -12,6 +12,7 @@ import yaml
 
 from pdhe import scene_blocks
 from pdhe.cli import _parser
+from pdhe.damage import CRITERIA
 from pdhe.embrittlement import LAWS
 from pdhe.fields import FIELDS
 from pdhe.materials import MODELS
@@ -173,5 +174,6 @@ def test_scenes_offer_what_the_registries_hold():
         ("Mechanics", "model", MODELS),
         ("Hydrogen", "kernel", KERNELS),
         ("Hydrogen", "law", LAWS),
+        ("Damage", "criterion", CRITERIA),
     ):
         assert set(blocks_of_scene[block]["properties"][name]["enum"]) == set(registry)
