@@ -36,20 +36,28 @@ class Increments:
         the largest of the history counting.
     most_iterations
         Newton steps of an increment.
+    cuts
+        Times that an increment is halved where it has no equilibrium or the user material asks for a shorter one.
     """
 
     def __init__(
-        self, body: UserBody, fixed: np.ndarray, spacing: np.ndarray, tolerance: float = 1e-8, most_iterations: int = 30
+        self,
+        body: UserBody,
+        fixed: np.ndarray,
+        spacing: np.ndarray,
+        tolerance: float = 1e-8,
+        most_iterations: int = 30,
+        cuts: int = 6,
     ) -> None:
         self.body, self.fixed, self.free = body, fixed, (~fixed).astype(float)
-        self.tolerance, self.most_iterations = tolerance, most_iterations
+        self.tolerance, self.most_iterations, self.cuts = tolerance, most_iterations, cuts
         self.reference, self.work = 0.0, Work()
         #: Relative residuals of the last increment, one a Newton step.
         self.residuals: list[float] = []
         self._precondition = Preconditioner(body, ~fixed, body.coordinates, spacing)
 
     def step(self, u: np.ndarray, prescribed: np.ndarray, length: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-        """Advance by one increment.
+        """Advance by one increment, or by parts of it, between which prescribed values are on a straight line.
 
         Parameters
         ----------
@@ -70,6 +78,24 @@ class Increments:
         SimulationError
             Without an equilibrium, or when the user material refuses; the history stays as it was.
         """
+        return self._cut(u, prescribed, length, self.cuts)
+
+    def _cut(self, u: np.ndarray, prescribed: np.ndarray, length: float, cuts: int) -> tuple[np.ndarray, np.ndarray]:
+        history, reference = self.body.points.history(), self.reference
+        try:
+            return self._whole(u, prescribed, length)
+        except SimulationError:
+            if cuts == 0:
+                raise
+        try:
+            middle, _ = self._cut(u, np.where(self.fixed, 0.5 * (u + prescribed), 0.0), 0.5 * length, cuts - 1)
+            return self._cut(middle, prescribed, 0.5 * length, cuts - 1)
+        except SimulationError:
+            self.body.points.recall(history)
+            self.reference = reference
+            raise
+
+    def _whole(self, u: np.ndarray, prescribed: np.ndarray, length: float) -> tuple[np.ndarray, np.ndarray]:
         self.body.increment = length
         force = self._force(u)
         # What the prescribed motion does on the way in, with the tangent of the start.

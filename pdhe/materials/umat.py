@@ -318,6 +318,15 @@ class UserPoints:
         self.time += self._length
         self.increments += 1
 
+    def history(self) -> tuple:
+        """All that later increments depend on; :meth:`recall` takes it."""
+        return self.gradient, self.stress, self.state, self.energy, self.time, self.increments
+
+    def recall(self, history: tuple) -> None:
+        """Go back to an earlier history."""
+        self.gradient, self.stress, self.state, self.energy, self.time, self.increments = history
+        self._trial = None
+
     def _probe(self) -> None:
         """Call it once in a process of its own, which may crash or be ended by the routine."""
         threads = numba.get_num_threads()

@@ -172,10 +172,30 @@ def test_a_plastic_equilibrium_balances_and_its_history_advances_once_a_step(lib
 def test_a_step_without_equilibrium_leaves_the_history(library):
     x, _, body = user_body(library("j2.c"))
     fixed, right = held(x)
-    increments = Increments(body, fixed, np.full(len(x), 1e-3), most_iterations=2)
+    increments = Increments(body, fixed, np.full(len(x), 1e-3), most_iterations=2, cuts=1)
     with pytest.raises(SimulationError, match="increment 1 not reached"):
         increments.step(np.zeros_like(x), stretched(x, right, 8e-3))
     assert body.points.increments == 0 and not body.points.state.any() and not body.points.stress.any()
+
+
+def test_increments_are_cut_where_the_material_asks_for_it(library):
+    code = """
+        for (int k = 0; k < 4; k++) if (dstran[k] > 1.1e-3) *pnewdt = 0.5;
+        for (int k = 0; k < 4; k++) { stress[k] += 1e11 * dstran[k]; ddsdde[5 * k] = 1e11; }
+        statev[0] += *dtime; statev[1] += 1.0;
+    """
+    x, _, body = user_body(library("shorter.c", code), (), (0.0, 0.0))
+    body_fixed = np.ones(x.shape, bool)
+    increments = Increments(body, body_fixed, np.full(len(x), 1e-3))
+    u, _ = increments.step(np.zeros_like(x), np.column_stack([4e-3 * x[:, 0], 0.0 * x[:, 1]]), 8.0)
+    assert body.points.increments == 4 and body.points.time == 8.0
+    assert (body.points.state == [8.0, 4.0]).all()
+    np.testing.assert_allclose(u[:, 0], 4e-3 * x[:, 0], rtol=1e-14)
+    np.testing.assert_allclose(body.points.stress[:, 0], 4e8, rtol=1e-10)
+    # Too long by far: refused, and all is as it was.
+    with pytest.raises(SimulationError, match="PNEWDT"):
+        increments.step(u, np.column_stack([4.0 * x[:, 0], 0.0 * x[:, 1]]))
+    assert body.points.increments == 4 and (body.points.state == [8.0, 4.0]).all()
 
 
 def test_the_tangent_of_j2_is_the_derivative_of_its_stress(library):
