@@ -21,7 +21,7 @@ from pdhe.units import round15
 
 MAX_OUTPUTS = 10_000
 """Most output times of one run."""
-EMBRITTLEMENT_LAWS = ("serebrinsky",)
+EMBRITTLEMENT_LAWS = ("serebrinsky", "linear iron", "linear nickel", "linear aluminium")
 """Names of the laws by which hydrogen lowers the fracture resistance."""
 MODELS = ("condensed rotation", "thesis spring", "one-parameter", "state-based", "correspondence")
 """Names of the elastic models."""
