@@ -143,8 +143,9 @@ def _mechanics(case: Case) -> str:
         how = f"with inertia, density {case.scene.material.density:g} kg/m^3"
     else:
         how = f"equilibrium by conjugate gradients to {case.equilibrium.tolerance:g}"
+    where = f"plane {case.scene.plane}" if case.scene.plane else "in space"
     return (
-        f"mechanics: on, {case.scene.mechanics.model}, plane {case.scene.mechanics.plane}, "
+        f"mechanics: on, {case.scene.mechanics.model}, {where}, "
         f"weights {case.scene.mechanics.weights}, {cut} bonds cut by pre-cracks, {how}"
         + (", weights in single precision" if case.body.cubed.dtype == np.float32 else "")
     )

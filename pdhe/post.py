@@ -7,6 +7,7 @@ import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ import xarray as xr
 from pdhe.errors import PdheError
 from pdhe.provenance import fingerprint, versions
 from pdhe.results import open_result
+from pdhe.solid_nodes import facet_keys, facets_of_cells
+from pdhe.surfaces import Surface, crossed_by, surface_of
 from pdhe.whole import whole_result
 
 #: Time at which a facet on a pre-crack counts as broken, s: before everything else.
@@ -40,7 +43,7 @@ _DIGITS = 10
 
 @dataclass(frozen=True)
 class Facets:
-    """The sides of the cells of a result.
+    """The sides of the cells of a result; in space they are polygons, of three or four vertices instead of two ends.
 
     Attributes
     ----------
@@ -109,8 +112,23 @@ def pre_cracks(result: xr.Dataset) -> np.ndarray:
     return np.array([(crack["from"], crack["to"]) for crack in cracks if "from" in crack], float).reshape(-1, 2, 2)
 
 
+def crack_surfaces(result: xr.Dataset) -> list[Surface]:
+    """Return the pre-cracks of a result in space as surfaces."""
+    geometry = scene_of(result).get("geometry", {})
+    thickness = geometry.get("plate", {}).get("thickness", 0.0)
+    known = {"start": None, "end": None, "disc": None, "polygon": None}
+    found = []
+    for crack in geometry.get("cracks", ()):
+        shape = known | {"start": crack.get("from"), "end": crack.get("to")} | crack
+        shape["disc"] = SimpleNamespace(**crack["disc"]) if "disc" in crack else None
+        found.append(surface_of(SimpleNamespace(**shape), thickness))
+    return found
+
+
 def facets_of(result: xr.Dataset) -> Facets:
     """Find the facets of the cells and when each of the inner ones broke."""
+    if "node_z" in result:
+        return _solid_facets(result)
     cells = result["cells"].values
     n, count = len(cells), result.sizes["vertex"]
     first, second = cells.ravel(), np.roll(cells, -1, axis=1).ravel()
@@ -132,6 +150,19 @@ def facets_of(result: xr.Dataset) -> Facets:
         owner[outer],
         np.column_stack([first[outer], second[outer]]),
     )
+
+
+def _solid_facets(result: xr.Dataset) -> Facets:
+    """The same for cells that fill space."""
+    facets, owner = facets_of_cells(result["cells"].values)
+    key = facet_keys(facets, result.sizes["vertex"])
+    order = np.argsort(key, kind="stable")
+    shared = np.flatnonzero(key[order][1:] == key[order][:-1])
+    alone = np.ones(key.size, bool)
+    alone[shared] = alone[shared + 1] = False
+    one, other, outer = order[shared], order[shared + 1], order[alone]
+    pairs = np.column_stack([owner[one], owner[other]])
+    return Facets(pairs, facets[one], _breaking_times(result, pairs), owner[outer], facets[outer])
 
 
 def open_facets(result: xr.Dataset, facets: Facets) -> list[np.ndarray]:
@@ -383,8 +414,11 @@ def _breaking_times(result: xr.Dataset, pairs: np.ndarray) -> np.ndarray:
         place = np.minimum(np.searchsorted(key[order], wanted), key.size - 1)
         found = key[order][place] == wanted
         times[found] = result["broken_time"].values[order][place[found]]
-    points = np.column_stack([result["node_x"].values, result["node_y"].values])
-    ends = points[pairs]
+    names = ("node_x", "node_y", "node_z") if "node_z" in result else ("node_x", "node_y")
+    ends = np.column_stack([result[name].values for name in names])[pairs]
+    if ends.shape[2] == 3:
+        times[crossed_by(ends[:, 0], ends[:, 1], crack_surfaces(result))] = PRE_CRACKED
+        return times
     for crack in pre_cracks(result):
         times[_cross(ends[:, 0], ends[:, 1], *crack)] = PRE_CRACKED
     return times

@@ -12,8 +12,8 @@ from PIL import Image
 from scipy.spatial import cKDTree
 
 from pdhe import post
-from pdhe.plotting.layout import Layout
-from pdhe.plotting.picture import Panel, Picture, check_kind
+from pdhe.plotting.picture import Picture, check_kind
+from pdhe.plotting.solid import layout_of, panel_of, picture_of
 from pdhe.plotting.style import MILLIMETRE, RC, Style
 from pdhe.results import open_result
 from pdhe.wholefile import moved_when_whole
@@ -39,7 +39,7 @@ def animate(kind: str, result_path: str | Path, style: Mapping[str, Any] | None,
     chosen = Style.of(style)
     with open_result(result_path) as result:
         check_kind(result, kind, result_path)
-        picture = Picture(result, kind, chosen)
+        picture = picture_of(result, kind, chosen)
         count = picture.times.size
         indices = np.unique(np.linspace(0, count - 1, min(count, chosen.frames)).round().astype(int))
         if chosen.frames == 1:
@@ -56,12 +56,11 @@ def animate(kind: str, result_path: str | Path, style: Mapping[str, Any] | None,
 
 def _frames(picture: Picture, indices: list[int], style: Style) -> list[Image.Image]:
     """Draw what never changes once, and over it what does."""
-    left, right, bottom, top = picture.extent
-    layout = Layout.of(1, (right - left) / (top - bottom), _WIDTH, style.font_size)
+    layout = layout_of(picture, 1, _WIDTH, style.font_size)
     figure = layout.figure(style.frame_width / (layout.size[0] * MILLIMETRE))
     axes = layout.axes(figure, 0)
     box = axes.get_window_extent()
-    panel = Panel(axes, picture, (round(box.height), round(box.width)))
+    panel = panel_of(axes, picture, (round(box.height), round(box.width)))
     time = axes.set_title("", loc="left", pad=3, fontsize=style.font_size)
     remark = axes.set_title("", loc="right", pad=3, fontsize=style.font_size)
     layout.colour_bar(figure, picture)
@@ -93,8 +92,8 @@ def _frames(picture: Picture, indices: list[int], style: Style) -> list[Image.Im
 
 def _palette(picture: Picture) -> np.ndarray:
     """Colours of all frames, uint8 (256, 3): shades of the colour map, then greys."""
-    shades = picture.colours(np.linspace(0, 1, _SHADES))[:, :3]
-    greys = np.linspace(0, 1, 256 - _SHADES)[:, None].repeat(3, axis=1)
+    shades = picture.shades(_SHADES)
+    greys = np.linspace(0, 1, 256 - len(shades))[:, None].repeat(3, axis=1)
     return (255 * np.concatenate([shades, greys])).round().astype(np.uint8)
 
 

@@ -10,8 +10,9 @@ from typing import Any
 import matplotlib as mpl
 
 from pdhe import post
-from pdhe.plotting.layout import ROOMY, Layout
-from pdhe.plotting.picture import Panel, Picture, check_kind
+from pdhe.plotting.layout import ROOMY
+from pdhe.plotting.picture import Picture, check_kind
+from pdhe.plotting.solid import layout_of, panel_of, picture_of
 from pdhe.plotting.style import MILLIMETRE, RC, Style
 from pdhe.results import open_result
 from pdhe.wholefile import moved_when_whole
@@ -21,7 +22,8 @@ def draw(kind: str, result_path: str | Path, style: Mapping[str, Any] | None, ou
     """Draw ``damage``, ``displacement`` or ``coverage`` of a result at the times of the style.
 
     Cracks are drawn as dark lines along the facets of the cells. Displacement is shown on the displaced shape, whose
-    magnification stands in the figure, as its ``y`` component unless ``x`` grows larger.
+    magnification stands in the figure, as its ``y`` component unless another grows larger. Bodies in space are seen
+    from a corner with a part cut away.
 
     Raises
     ------
@@ -31,7 +33,7 @@ def draw(kind: str, result_path: str | Path, style: Mapping[str, Any] | None, ou
     chosen = Style.of(style)
     with open_result(result_path) as result:
         check_kind(result, kind, result_path)
-        picture = Picture(result, kind, chosen)
+        picture = picture_of(result, kind, chosen)
         if chosen.times is None:
             indices = post.telling_snapshots(result, chosen.panels)
         else:
@@ -44,13 +46,12 @@ def draw(kind: str, result_path: str | Path, style: Mapping[str, Any] | None, ou
 
 
 def _draw(picture: Picture, indices: list[int], style: Style):
-    left, right, bottom, top = picture.extent
-    layout = Layout.of(len(indices), (right - left) / (top - bottom), style.width, style.font_size)
+    layout = layout_of(picture, len(indices), style.width, style.font_size)
     figure = layout.figure(style.dpi)
     shape = tuple(max(2, round(side * MILLIMETRE * style.dpi)) for side in reversed(layout.panel))
     for number, index in enumerate(indices):
         axes = layout.axes(figure, number)
-        Panel(axes, picture, shape).show(index)
+        panel_of(axes, picture, shape).show(index)
         letter = f"({string.ascii_lowercase[number]})  " if len(indices) > 1 else ""
         axes.set_title(letter + picture.time(index), loc="left", pad=3, fontsize=style.font_size)
         if layout.panel[0] >= ROOMY:

@@ -33,8 +33,6 @@ def check_kind(result: xr.Dataset, kind: str, path: str | Path) -> None:
         raise PdheError(
             f"no picture of '{kind}'; " + (f"did you mean '{near[0]}'?" if near else f"known: {', '.join(KINDS)}")
         )
-    if "node_z" in result:
-        raise PdheError(f"{path}: is of a body in space, of which there are no pictures yet; see `pdhe history`")
     if kind not in result:
         raise PdheError(f"{path}: the result holds no {kind}, because its scene has no `{KINDS[kind]}`")
 
@@ -42,13 +40,15 @@ def check_kind(result: xr.Dataset, kind: str, path: str | Path) -> None:
 class Picture:
     """Everything about a picture that does not depend on where it is drawn."""
 
+    components = "xy"
+
     def __init__(self, result: xr.Dataset, kind: str, style: Style) -> None:
         result = whole_result(result)
         self.result, self.kind = result, kind
         self.times = result["time"].values
         self.colours: Colormap = style.colour_map(kind)
         self.vertices, self.cells = result["vertices"].values, result["cells"].values
-        self.facets = in_loops(post.facets_of(result))
+        self.facets = self._facets()
         self.cracks = post.open_facets(result, self.facets)
         self.pre_cracks = post.pre_cracks(result)
         self.field = result[kind].values
@@ -64,16 +64,23 @@ class Picture:
         self._lookup: tuple[tuple, np.ndarray] | None = None
         self.window = style.window
 
+    def _facets(self) -> post.Facets:
+        return in_loops(post.facets_of(self.result))
+
     def _set_displacement(self, style: Style) -> None:
         largest = np.abs(self.field).max(axis=(0, 1))
-        chosen = style.component if style.component != "auto" else "xy"[int(largest[1] >= largest[0])]
+        chosen = style.component if style.component != "auto" else self._largest(largest)
+        if chosen not in (*self.components, "magnitude"):
+            raise PdheError(
+                f"figure style: 'component' is '{chosen}', which a plate does not have; use x, y or magnitude"
+            )
         self.shift = self.field
         if chosen == "magnitude":
             self.field, symbol = np.linalg.norm(self.field, axis=2), r"|\mathbf{u}|"
             if style.displacement_map == Style.displacement_map:
                 self.colours = Style(displacement_map="viridis").colour_map("displacement")
         else:
-            self.field, symbol = self.field[:, :, "xy".index(chosen)], f"u_{chosen}"
+            self.field, symbol = self.field[:, :, self.components.index(chosen)], f"u_{chosen}"
         top = float(np.abs(self.field).max())
         unit, size = next((p for p in _PREFIXES if top >= p[1]), _PREFIXES[-1]) if top > 0 else _PREFIXES[1]
         self.field = self.field / size
@@ -84,6 +91,10 @@ class Picture:
             self.magnification = style.magnification
         elif largest.max() > 0:
             self.magnification = _round_down(_VISIBLE * np.ptp(self.vertices, axis=0).max() / largest.max())
+
+    def _largest(self, amount: np.ndarray) -> str:
+        """The component that grows largest; of equal ones y, then x."""
+        return max(self.components, key=lambda name: (amount["xyz".index(name)], name == "y", name == "x"))
 
     @property
     def extent(self) -> Extent:
@@ -129,6 +140,10 @@ class Picture:
     def outline(self, corners: np.ndarray) -> np.ndarray:
         """Lines of the boundary of the body, m (k, 2, 2)."""
         return facet_lines(corners, self.cells, self.facets.outer_cells, self.facets.outer_vertices)
+
+    def shades(self, count: int) -> np.ndarray:
+        """Colours that the picture is made of, beside greys, at most twice ``count``, (c, 3)."""
+        return self.colours(np.linspace(0, 1, count))[:, :3]
 
     def time(self, index: int) -> str:
         """The time of an output, for a reader."""

@@ -43,7 +43,7 @@ def cell_of_pixel(corners: np.ndarray, extent: Extent, shape: tuple[int, int]) -
 def displaced_corners(
     vertices: np.ndarray, cells: np.ndarray, facets: Facets, crack: np.ndarray, displacement: np.ndarray
 ) -> np.ndarray:
-    """Return the corners of the cells moved by their displacement, m (n, k, 2).
+    """Return the corners of the cells moved by their displacement, m (n, k, dim).
 
     The cells around a vertex move it by their mean displacement. Where the facets of the crack separate them, each part
     moves a copy of its own, and the crack opens.
@@ -61,8 +61,8 @@ def displaced_corners(
     count = label.max() + 1
     moved = displacement[np.repeat(np.arange(n), corners)]
     share = np.maximum(np.bincount(label, minlength=count), 1)
-    mean = np.column_stack([np.bincount(label, moved[:, c], count) / share for c in (0, 1)])
-    return vertices[cells] + mean[label].reshape(n, corners, 2)
+    mean = np.column_stack([np.bincount(label, component, count) / share for component in moved.T])
+    return vertices[cells] + mean[label].reshape(n, corners, -1)
 
 
 def _parts(cells: np.ndarray, facets: Facets, bonded: np.ndarray, torn: np.ndarray, split: np.ndarray) -> np.ndarray:

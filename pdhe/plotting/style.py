@@ -16,7 +16,7 @@ from pdhe.units import QuantityError, quantity
 
 MILLIMETRE = 1.0 / 25.4  # inch
 _NOTHING = (0.0, 0.0, 0.0, 0.0)
-COMPONENTS = ("auto", "x", "y", "magnitude")
+COMPONENTS = ("auto", "x", "y", "z", "magnitude")
 #: Settings of every figure: thin lines, ticks inwards, small but legible type.
 RC: dict[str, Any] = {
     "font.family": "DejaVu Sans",
@@ -55,7 +55,7 @@ class Style:
     damage_limit: float = 0.5
     """Upper end of the damage scale. Next to a straight crack nearly half of all bonds are broken."""
     component: str = "auto"
-    """Displacement component: ``x``, ``y``, ``magnitude``, or ``auto`` for the larger one of ``x`` and ``y``."""
+    """Displacement component: ``x``, ``y``, ``magnitude``, or ``auto`` for the largest one; ``z`` in space only."""
     magnification: float | None = None
     """Of displacements in the shape of the body. Default: a round number that makes the largest one about 4 % of the
     body's length."""

@@ -140,7 +140,7 @@ def test_times_select_the_nearest_outputs(path, tmp_path):
         ({"times": ["4 mm"]}, "not a unit of time"),
         ({"frames": 2.5}, "a whole number"),
         ({"coverage_map": "virdis"}, "name of a matplotlib colour map"),
-        ({"component": "z"}, "one of auto, x, y, magnitude"),
+        ({"component": "w"}, "one of auto, x, y, z, magnitude"),
         ({"window": [0, 1]}, "left, right, bottom and top"),
         ({"window": [1, 0, 0, 1]}, "left < right"),
     ],
@@ -210,3 +210,8 @@ def test_layouts_hold_every_panel_on_the_page(count, aspect, width):
         assert 0 < box.x0 < box.x1 < 1 and 0 < box.y0 < box.y1 < 1
     for one, other in itertools.pairwise(boxes):
         assert one.x1 < other.x0 or one.y0 > other.y1
+
+
+def test_a_plate_has_no_third_component(path, tmp_path):
+    with pytest.raises(PdheError, match="'component' is 'z', which a plate does not have"):
+        draw("displacement", path, FAST | {"component": "z"}, tmp_path / "figure.png")

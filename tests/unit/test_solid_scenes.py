@@ -111,7 +111,9 @@ BAD = {
     ),
     "energy correction": ({"mechanics__weights": "energy"}, "mechanics.weights", "made for plates", "moment matched"),
     "plane strain": ({"mechanics__plane": "strain"}, "mechanics.plane", "state of plates", "leave it out"),
-    "correspondence": ({"mechanics__model": "correspondence"}, "mechanics.model", "made for plates", "condensed rotation"),
+    "correspondence": (
+        {"mechanics__model": "correspondence"}, "mechanics.model", "made for plates", "condensed rotation",
+    ),
     "mirror lines": ({"geometry__symmetry": ["right"]}, "geometry.symmetry", "plates alone", "whole body"),
     "fidelity": ({"fidelity": "fine"}, "fidelity", "plane meshes", "mesh.spacing"),
     "graded": (
