@@ -41,6 +41,8 @@ FIELDS: dict[str, Field] = {
     ),
     "displacement": Field("m", "displacement", ("time", "node", "component")),
     "velocity": Field("m/s", "velocity", ("time", "node", "component")),
+    "stress": Field("Pa", "stress of a user material, in the order of Abaqus", ("time", "node", "entry")),
+    "state_variables": Field("1", "state variables of a user material, in its own units", ("time", "node", "variable")),
     "damage": Field("1", "damage: volume-weighted share of broken bonds", _SNAPSHOT),
     "coverage": Field("1", "hydrogen coverage", _SNAPSHOT),
     "history_time": Field("s", "time of the history entry", _HISTORY),

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from pdhe.errors import SimulationError
+from pdhe.fields import FIELDS
 from pdhe.kernels.vectors import dot
 from pdhe.materials.user import UserBody
+from pdhe.netcdf import Variable, write_netcdf
 from pdhe.solvers import Preconditioner, Work
 
 #: Residual of a linear solve over the one it started from: less makes no Newton step shorter that is not the last.
@@ -166,3 +170,37 @@ class Increments:
     def _force(self, u: np.ndarray) -> np.ndarray:
         self.work.force_sweeps += 1
         return self.body.force(u)
+
+
+class Steps:
+    """Collects what a body with a history was like after its increments, and writes it into one file."""
+
+    def __init__(self, body: UserBody) -> None:
+        self.body = body
+        self._kept: dict[str, list[np.ndarray]] = {"time": [], "displacement": [], "stress": [], "state_variables": []}
+
+    def note(self, u: np.ndarray) -> None:
+        """Keep the displacements, m (n, 2), and the history at the last committed step."""
+        points = self.body.points
+        for name, value in (
+            ("time", np.array(points.time)),
+            ("displacement", u),
+            ("stress", points.stress),
+            ("state_variables", points.state),
+        ):
+            self._kept[name].append(value.copy())
+
+    def write(self, path: str | Path) -> None:
+        """Write a NetCDF file, whole or not at all, of the variables that :data:`pdhe.fields.FIELDS` declares."""
+        points = self.body.points
+        data = {"node_x": points.coordinates[:, 0], "node_y": points.coordinates[:, 1], "volume": self.body.volume}
+        data |= {name: np.array(values) for name, values in self._kept.items()}
+        if not points.state.size:
+            del data["state_variables"]
+        variables = {
+            name: Variable(FIELDS[name].dims, values, {"units": FIELDS[name].unit, "long_name": FIELDS[name].long_name})
+            for name, values in data.items()
+        }
+        material = points.material
+        attributes = {"user_material": material.name, "properties": list(material.properties) or [np.nan]}
+        write_netcdf(path, variables, attributes, ("time", "node_x", "node_y"), ("displacement", "stress"))

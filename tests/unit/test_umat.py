@@ -6,10 +6,11 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
+import xarray as xr
 
 from pdhe import cli
 from pdhe.errors import PdheError, SimulationError
-from pdhe.increments import Increments
+from pdhe.increments import Increments, Steps
 from pdhe.kernels import umat as kernels
 from pdhe.materials.umat import UserMaterial, UserPoints, build, drive
 from pdhe.materials.user import UserBody
@@ -196,6 +197,26 @@ def test_increments_are_cut_where_the_material_asks_for_it(library):
     with pytest.raises(SimulationError, match="PNEWDT"):
         increments.step(u, np.column_stack([4.0 * x[:, 0], 0.0 * x[:, 1]]))
     assert body.points.increments == 4 and (body.points.state == [8.0, 4.0]).all()
+
+
+def test_steps_are_written_with_units(library, tmp_path):
+    x, _, body = user_body(library("j2.c"))
+    steps = Steps(body)
+    for strain in (1e-3, 3e-3):
+        u = np.column_stack([strain * x[:, 0], 0.0 * x[:, 1]])
+        body.force(u)
+        body.points.commit()
+        steps.note(u)
+    steps.write(tmp_path / "steps.nc")
+    with xr.open_dataset(tmp_path / "steps.nc", decode_times=False) as found:
+        assert found["stress"].dims == ("time", "node", "entry") and found["stress"].attrs["units"] == "Pa"
+        np.testing.assert_array_equal(found["time"], [1.0, 2.0])
+        np.testing.assert_array_equal(found["stress"][1], body.points.stress)
+        np.testing.assert_allclose(
+            found["state_variables"][:, :, 0].max("node"), uniaxial_strain([1e-3, 3e-3])[2], rtol=1e-9
+        )
+        np.testing.assert_array_equal(found["displacement"][1], u)
+        assert found.attrs["user_material"] == "elastic-1"
 
 
 def test_the_tangent_of_j2_is_the_derivative_of_its_stress(library):
