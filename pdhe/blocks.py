@@ -11,7 +11,17 @@ from pdhe.bonds import Bonds
 from pdhe.errors import SceneError
 
 if TYPE_CHECKING:
-    from pdhe.scene_blocks import Interface, ToughnessOn
+    from pdhe.scene_blocks import DiffusivityOn, Interface, ToughnessOn
+
+
+def node_values(
+    count: int, node_sets: Mapping[str, np.ndarray], regions: Sequence[ToughnessOn | DiffusivityOn], elsewhere: float
+) -> np.ndarray:
+    """Value of every node over that of the material, (n,); later regions go before earlier ones."""
+    node = np.ones(count)
+    for region in regions:
+        node[node_sets[region.on]] = region.over(elsewhere)
+    return node
 
 
 def toughness_ratios(
@@ -40,9 +50,7 @@ def toughness_ratios(
     SceneError
         If the two sides of an interface share nodes, or no bond leads from one to the other.
     """
-    node = np.ones(bonds.node_count)
-    for region in regions:
-        node[node_sets[region.on]] = region.over(toughness)
+    node = node_values(bonds.node_count, node_sets, regions, toughness)
     owner, far = bonds.owners(), bonds.far()
     ratio = 0.5 * (node[owner] + node[far])
     for k, interface in enumerate(interfaces):

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from pdhe.blocks import toughness_ratios
+from pdhe.blocks import node_values, toughness_ratios
 from pdhe.bonds import Bonds, Families, Grading, build_bonds
 from pdhe.boundary import DisplacementConditions, Prescribed
 from pdhe.damage import CRITERIA, FailureRule, critical_stretch, crossing_sum, stretch_factors, stretch_squares
@@ -288,6 +288,7 @@ def _require_node_sets(scene: Scene, d: Discretization) -> None:
     wanted = [("loads", load.on) for load in scene.loads or ()]
     if scene.hydrogen is not None:
         wanted += [("hydrogen.boundary", condition.on) for condition in scene.hydrogen.boundary]
+        wanted += [("hydrogen.regions", item.on) for item in scene.hydrogen.regions or ()]
     wanted += [("mechanics.axes", item.on) for item in scene.mechanics.axes or ()]
     if scene.damage is not None:
         wanted += [("damage.no_fail", name) for name in scene.damage.no_fail]
@@ -335,8 +336,11 @@ def _diffusion(scene: Scene, d: Discretization, bonds: Families, partial: str) -
         size |= {"front": (2, 0.0), "back": (2, d.thickness)}
     edges = {name: Edge(axis, position) for name, (axis, position) in size.items()}
     prescribed = {condition.on for condition in scene.hydrogen.boundary} & set(edges)
+    relative = None
+    if scene.hydrogen.regions:
+        relative = node_values(d.volume.size, d.node_sets, scene.hydrogen.regions, scene.material.diffusivity)
     diffusion = build_diffusion(
         bonds, d.coordinates, d.volume, d.spacing, d.thickness, scene.material.diffusivity, scene.hydrogen.kernel,
-        partial, edges, prescribed,
+        partial, edges, prescribed, relative,
     )  # fmt: skip
     return replace(diffusion, rate=diffusion.rate.astype(PRECISIONS[scene.solver.precision], copy=False))

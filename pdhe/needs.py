@@ -129,7 +129,10 @@ def needs_of(scene: Mapping[str, Any]) -> Needs:
         rounds = ROUNDS[lattice] * ways * max(max(width, height) - max(lengths, default=0.0), 0.0) / mean
     if hydrogen and stepping["mode"] == "events":
         number, square = _moments(round(ratio, 3), POWERS[hydrogen["kernel"]])
-        limit = square / number / 4.0 * finest**2 / scene["material"]["diffusivity"]  # theory, eq. 4.6
+        diffusivity = scene["material"]["diffusivity"]
+        regions = hydrogen.get("regions") or ()
+        fastest = max([diffusivity, *(item.get("diffusivity") or item["factor"] * diffusivity for item in regions)])
+        limit = square / number / 4.0 * finest**2 / fastest  # theory, eq. 4.6
         explicit = scene["time"]["end"] / (SAFETY * limit)
         long = LONG[breaks] * math.sqrt(explicit * (outputs + rounds))
         sweeps = min(SWEEPS * explicit + AFTER_ROUND * rounds, long)

@@ -83,7 +83,9 @@ def warnings(case: Case, pilot: Pilot | None = None) -> list[str]:
             "use `energy`"
         )
     if scene.hydrogen is not None:
-        reach = 2.0 * float(np.sqrt(scene.material.diffusivity * scene.time.end))
+        diffusivity = scene.material.diffusivity
+        fastest = max([1.0, *(region.over(diffusivity) for region in scene.hydrogen.regions or ())])
+        reach = 2.0 * float(np.sqrt(fastest * diffusivity * scene.time.end))
         if reach < SHARP_FRONT * spacing:
             found.append(
                 f"hydrogen gets {reach:.3g} m far by the end (2 sqrt(D t)), {reach / spacing:.2g} spacings: "

@@ -448,6 +448,24 @@ def _read_saturation(value: Any) -> Any:
     return None if value is None or value is False or value == "off" else value
 
 
+class DiffusivityOn(Block):
+    """A diffusivity on a node set, other than that of the material: as such (m^2/s), or as a factor to it."""
+
+    on: fields.NodeSet
+    diffusivity: fields.Diffusivity | None = None
+    factor: fields.Factor | None = None
+
+    @model_validator(mode="after")
+    def _one_value(self) -> "DiffusivityOn":
+        if (self.diffusivity is None) == (self.factor is None):
+            raise problem("needs either `diffusivity` or `factor`", "for example `factor: 0.01`")
+        return self
+
+    def over(self, elsewhere: float) -> float:
+        """Diffusivity over that of the material, given the latter (m^2/s)."""
+        return self.factor if self.diffusivity is None else self.diffusivity / elsewhere
+
+
 class Hydrogen(Block):
     """Diffusion of hydrogen coverage (0 to 1) and how it embrittles."""
 
@@ -459,6 +477,7 @@ class Hydrogen(Block):
     law: Annotated[str, choice(*EMBRITTLEMENT_LAWS)] = "serebrinsky"
     degradation: Annotated[str, choice("stretch", "energy")] = "stretch"
     saturation: Annotated[Saturation | None, BeforeValidator(_read_saturation)] = Saturation()
+    regions: Annotated[tuple[DiffusivityOn, ...], BeforeValidator(fields.as_list)] | None = None
 
 
 class Time(Block):

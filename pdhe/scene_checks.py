@@ -13,8 +13,10 @@ from pdhe.scene_fields import problem
 from pdhe.scene_mirrors import Segment, check_symmetry, edge_segments, mirror_levels, mirrors_through
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from pdhe.scene import Scene
-    from pdhe.scene_blocks import Crack, Damage, Hole, Region
+    from pdhe.scene_blocks import Crack, Damage, DiffusivityOn, Hole, Region, ToughnessOn
     from pdhe.scene_history import PiecewiseLinear
     from pdhe.sizing import SizeField
 
@@ -379,6 +381,7 @@ def _check_node_sets(scene: "Scene") -> None:
     places = [(f"loads.{k}.on", load.on) for k, load in enumerate(scene.loads or ())]
     if scene.hydrogen is not None:
         places += [(f"hydrogen.boundary.{k}.on", item.on) for k, item in enumerate(scene.hydrogen.boundary)]
+        places += _region_places(scene.hydrogen.regions, "hydrogen.regions")
     places += [(f"mechanics.axes.{k}.on", item.on) for k, item in enumerate(scene.mechanics.axes or ())]
     if scene.damage is not None:
         places += [(f"damage.no_fail.{k}", name) for k, name in enumerate(scene.damage.no_fail)]
@@ -394,20 +397,26 @@ def _check_node_sets(scene: "Scene") -> None:
             raise problem("is not a node set", hint, key)
 
 
+def _region_places(regions: "Sequence[ToughnessOn | DiffusivityOn] | None", key: str) -> list[tuple[str, str]]:
+    """Node sets with a value of their own, and where they are named; none of them twice."""
+    if regions is not None and not regions:
+        raise problem("is an empty list", "add an entry, or leave `regions` out", key)
+    names = [region.on for region in regions or ()]
+    for k, name in enumerate(names):
+        if name in names[:k]:
+            raise problem("is listed twice", "keep one of them", f"{key}.{k}.on")
+    return [(f"{key}.{k}.on", name) for k, name in enumerate(names)]
+
+
 def _toughness_places(damage: "Damage") -> list[tuple[str, str]]:
     """Node sets with a fracture energy of their own, and where they are named; none of them twice."""
-    for key in ("regions", "interfaces"):
-        given = getattr(damage, key)
-        if given is not None and not given:
-            raise problem("is an empty list", f"add an entry, or leave `{key}` out", f"damage.{key}")
-    regions, interfaces = damage.regions or (), damage.interfaces or ()
-    for k, region in enumerate(regions):
-        if region.on in [other.on for other in regions[:k]]:
-            raise problem("is listed twice", "keep one of them", f"damage.regions.{k}.on")
+    places = _region_places(damage.regions, "damage.regions")
+    if damage.interfaces is not None and not damage.interfaces:
+        raise problem("is an empty list", "add an entry, or leave `interfaces` out", "damage.interfaces")
+    interfaces = damage.interfaces or ()
     for k, interface in enumerate(interfaces):
         if set(interface.between) in [set(other.between) for other in interfaces[:k]]:
             raise problem("is listed twice", "keep one of them", f"damage.interfaces.{k}.between")
-    places = [(f"damage.regions.{k}.on", region.on) for k, region in enumerate(regions)]
     return places + [
         (f"damage.interfaces.{k}.between", name) for k, interface in enumerate(interfaces) for name in interface.between
     ]

@@ -169,6 +169,7 @@ def build_diffusion(
     partial: str,
     edges: dict[str, Edge],
     prescribed: set[str],
+    relative: np.ndarray | None = None,
 ) -> Diffusion:
     """Build the rates for a diffusivity in m^2/s.
 
@@ -177,6 +178,9 @@ def build_diffusion(
     than j itself, so no coefficient is negative and the maximum principle holds. The rates are scaled, node by node and
     then averaged over the two ends, so that the second moment of each family, images included, is that of the
     diffusivity.
+
+    Where nodes have diffusivities of their own, ``relative`` (n,) times that one, a bond has the harmonic mean of its
+    two ends, as resistances in a row have (theory, eq. 4.18).
     """
     owner, other = bonds.owners(), bonds.neighbours
     power = KERNELS[kernel]
@@ -237,7 +241,11 @@ def build_diffusion(
     typical = np.median(scale[scale > 0.0]) if (scale > 0.0).any() else 1.0
     scale = np.clip(scale, WEIGHT_LIMITS[0] * typical, WEIGHT_LIMITS[1] * typical)
     rate = 0.5 * (scale[owner] + scale[other]) * (base + even)
-    return Diffusion(bonds, volume, rate, {name: scale * value for name, value in exchange.items()})
+    exchange = {name: scale * value for name, value in exchange.items()}
+    if relative is not None:
+        rate *= 2.0 / (1.0 / relative[owner] + 1.0 / relative[other])
+        exchange = {name: relative * value for name, value in exchange.items()}
+    return Diffusion(bonds, volume, rate, exchange)
 
 
 def _reflections(edges: dict[str, Edge]) -> list[tuple[str, ...]]:
