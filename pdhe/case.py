@@ -237,8 +237,10 @@ def _with_regions(scene: Scene, d: Discretization) -> Discretization:
     for region in scene.regions:
         low, high = np.array(region.box).reshape(2, 2)
         place = d.coordinates[:, :2]  # in space a region goes through the thickness
-        inside = (place >= low - slack) & (place <= high + slack)
-        sets[region.name] = np.flatnonzero(inside.all(axis=1)).astype(np.int32)
+        inside = ((place >= low - slack) & (place <= high + slack)).all(axis=1)
+        if region.centre is not None:
+            inside &= np.linalg.norm(place - region.centre, axis=1) <= region.radius + slack
+        sets[region.name] = np.flatnonzero(inside).astype(np.int32)
     return replace(d, node_sets=sets)
 
 

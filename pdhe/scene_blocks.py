@@ -133,15 +133,27 @@ class Geometry(Block):
 
 
 class Region(Block):
-    """A box with sides along the axes between two corners, and the name of the node set inside it."""
+    """A box with sides along the axes between two corners, or a disc, and the name of the node set inside it."""
 
     name: fields.Name
-    start: fields.Point = Field(alias="from")
-    end: fields.Point = Field(alias="to")
+    start: fields.Point | None = Field(default=None, alias="from")
+    end: fields.Point | None = Field(default=None, alias="to")
+    centre: fields.Point | None = None
+    radius: fields.PositiveLength | None = None
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> "Region":
+        given = tuple(value is not None for value in (self.start, self.end, self.centre, self.radius))
+        if given not in ((True, True, False, False), (False, False, True, True)):
+            raise problem("needs either `from` and `to` or `centre` and `radius`", "a box has corners, a disc a radius")
+        return self
 
     @property
     def box(self) -> tuple[float, float, float, float]:
-        """Least x, least y, largest x, largest y (m)."""
+        """Least x, least y, largest x, largest y (m), of a disc those of the box around it."""
+        if self.centre is not None:
+            (x, y), radius = self.centre, self.radius
+            return x - radius, y - radius, x + radius, y + radius
         (x0, y0), (x1, y1) = self.start, self.end
         return min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1)
 

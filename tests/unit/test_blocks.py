@@ -168,3 +168,26 @@ def test_sets_without_nodes_are_refused():
     scene = Scene.from_resolved(scene)
     with pytest.raises(SceneError, match="node set is empty"):
         build_case(scene, nodes_of(scene))
+
+
+def test_a_disc_names_the_nodes_inside_it_and_has_an_interface():
+    plain = scene_of().resolved()
+    plain["regions"].append({"name": "grain", "centre": [HALF, HALF], "radius": 3.6 * SPACING})
+    plain["damage"]["interfaces"] = [{"between": ["grain", "all"], "factor": 0.1}]
+    scene = Scene.from_resolved(plain)
+    assert Scene.from_resolved(scene.resolved()) == scene
+    case = build_case(scene, nodes_of(scene))
+    inside = np.hypot(*(case.discretization.coordinates - HALF).T) <= 3.6 * SPACING
+    assert np.array_equal(case.discretization.node_sets["grain"], np.flatnonzero(inside))
+    across = inside[case.bonds.owners()] != inside[case.bonds.neighbours]
+    assert case.rule.factor**2 == pytest.approx(np.where(across, 0.1, 1.0), rel=1e-13)
+
+
+@pytest.mark.parametrize(
+    "shape", [{"centre": [HALF, HALF]}, {"radius": HALF}, {"radius": HALF, "from": [0.0, 0.0]}, {}]
+)
+def test_half_a_shape_is_refused(shape):
+    plain = scene_of().resolved()
+    plain["regions"].append({"name": "grain", **shape})
+    with pytest.raises(SceneError, match="needs either `from` and `to` or"):
+        Scene.from_resolved(plain)
