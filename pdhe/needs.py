@@ -5,6 +5,7 @@ that, and shares the numbers. A limit on time is no loss if it turns out too sho
 last checkpoint, and has twice the time.
 """
 
+import itertools
 import json
 import math
 from collections.abc import Mapping
@@ -14,12 +15,16 @@ from typing import Any
 
 from pdhe.costs import BOTH, COPIES, DIFFUSION, ITERATION, MECHANICS, OVERHEAD, PROCESS, SEARCH, STEP
 from pdhe.provenance import canonical
+from pdhe.scene_blocks import SOLID_CELLS
 
 #: Directed bonds a second and thread of a force sweep and a diffusion sweep, on a lattice and on other nodes: rounded
 #: down from 4.0e8 to 7.0e8, 1.4e8 to 1.8e8, 8.2e8 to 2.4e9 and 7.4e8 to 1.8e9 (docs/performance-tables.md).
 FORCE_RATE, DIFFUSION_RATE = {True: 4e8, False: 1.4e8}, {True: 1e9, False: 8e8}
+#: The same in space: 6.3e7 to 9.4e7 and 4.3e8 to 1.5e9, measured with 4500 nodes of cubes and tetrahedra.
+SOLID_FORCE_RATE, SOLID_DIFFUSION_RATE = 6e7, 4e8
 #: Iterations of an equilibrium, 8 to 16 measured, and rounds of failures for each cell that a crack can cross: 7 to 10
-#: on a lattice, 11 to 22 on triangles, where every crack that was drawn can grow.
+#: on a lattice, 11 to 22 on triangles, where every crack that was drawn can grow. In space for each cell of the area
+#: that it can cross (2.3 on cubes and 2.6 on tetrahedra where it did): layers may break one by one.
 ITERATIONS, ROUNDS = 14.0, {True: 10.0, False: 20.0}
 #: Sweeps over the root of the number of explicit steps times that of instants at which they have to stop: without
 #: damage (measured 1.8 to 2.6), and with it (1.6 to 4.6).
@@ -100,20 +105,23 @@ def needs_of(scene: Mapping[str, Any]) -> Needs:
     """
     plate, mesh = scene["geometry"]["plate"], scene["mesh"]
     width, height = plate["width"], plate["height"]
+    axes = 3 if mesh["cells"] in SOLID_CELLS else 2
     area = width * height - sum(math.pi * hole["radius"] ** 2 for hole in scene["geometry"]["holes"])
     nodes, finest = area / mesh["spacing"] ** 2, mesh["spacing"]
+    layers = plate["thickness"] / mesh["spacing"] if axes == 3 else 1.0
     if mesh.get("refine"):
         nodes, finest = _graded(canonical(scene["geometry"]), canonical(mesh))
     mean = math.sqrt(area / nodes)
+    nodes *= layers
     ratio = scene["horizon"].get("ratio") or scene["horizon"]["length"] / mesh["spacing"]
-    bonds = nodes * _moments(round(ratio, 3), 0)[0]
-    lattice = mesh["cells"] == "quadrilateral" and not scene["geometry"]["holes"]
+    bonds = nodes * _moments(round(ratio, 3), 0, axes)[0]
+    lattice = mesh["cells"] in ("quadrilateral", "hexahedron") and not scene["geometry"]["holes"]
 
     moving = scene["stepping"]["mode"] == "dynamic"
     mechanics, hydrogen = bool(scene.get("loads")) or moving, scene.get("hydrogen")
     breaks, outputs = mechanics and "damage" in scene, len(scene["outputs"]["times"])
     share = BOTH if mechanics and hydrogen else MECHANICS if mechanics else DIFFUSION
-    numbers = 2 * mechanics + 2 * moving + breaks + bool(hydrogen)
+    numbers = axes * mechanics + 2 * moving + breaks + bool(hydrogen)
     fields = 8.0 * numbers * nodes * outputs
     memory = PROCESS + share * bonds + COPIES * fields
 
@@ -124,21 +132,23 @@ def needs_of(scene: Mapping[str, Any]) -> Needs:
     rounds = 0.0
     if breaks:
         cracks = scene["geometry"]["cracks"]
-        lengths = [math.dist(crack["from"], crack["to"]) for crack in cracks]
+        # A disc or a polygon is taken to have the whole way before it.
+        lengths = [math.dist(crack["from"], crack["to"]) for crack in cracks if crack.get("from")]
         ways = 1 if lattice else max(1, len(cracks))
-        rounds = ROUNDS[lattice] * ways * max(max(width, height) - max(lengths, default=0.0), 0.0) / mean
+        rounds = ROUNDS[lattice] * layers * ways * max(max(width, height) - max(lengths, default=0.0), 0.0) / mean
     if hydrogen and stepping["mode"] == "events":
-        number, square = _moments(round(ratio, 3), POWERS[hydrogen["kernel"]])
+        number, square = _moments(round(ratio, 3), POWERS[hydrogen["kernel"]], axes)
         diffusivity = scene["material"]["diffusivity"]
         regions = hydrogen.get("regions") or ()
         fastest = max([diffusivity, *(item.get("diffusivity") or item["factor"] * diffusivity for item in regions)])
-        limit = square / number / 4.0 * finest**2 / fastest  # theory, eq. 4.6
+        limit = square / number / (2.0 * axes) * finest**2 / fastest  # theory, eq. 4.6
         explicit = scene["time"]["end"] / (SAFETY * limit)
         long = LONG[breaks] * math.sqrt(explicit * (outputs + rounds))
         sweeps = min(SWEEPS * explicit + AFTER_ROUND * rounds, long)
-    # The state-based model has no kernels for lattices.
-    quick = lattice and scene["mechanics"]["model"] != "state-based"
-    force, diffusion = bonds / FORCE_RATE[quick], bonds / DIFFUSION_RATE[lattice]
+    # The others have no kernels for lattices: 2.0e8 and 1.2e8 measured.
+    quick = lattice and scene["mechanics"]["model"] not in ("state-based", "correspondence")
+    rates = (FORCE_RATE[quick], DIFFUSION_RATE[lattice]) if axes == 2 else (SOLID_FORCE_RATE, SOLID_DIFFUSION_RATE)
+    force, diffusion = (bonds / rate for rate in rates)
     work = STEP * diffusion * sweeps
     if moving:
         sound = math.sqrt(scene["material"]["youngs_modulus"] / scene["material"]["density"])
@@ -164,14 +174,13 @@ def _graded(geometry: str, mesh: str) -> tuple[float, float]:
 
 
 @cache
-def _moments(ratio: float, power: int) -> tuple[float, float]:
+def _moments(ratio: float, power: int, axes: int) -> tuple[float, float]:
     """Sums over the neighbours on a lattice, within ``ratio`` spacings, of r^-power and of r^(2 - power)."""
     number = square = 0.0
-    reach = math.floor(ratio)
-    for i in range(-reach, reach + 1):
-        for j in range(-reach, reach + 1):
-            r = math.hypot(i, j)
-            if 0.0 < r <= ratio:
-                number += r**-power
-                square += r ** (2 - power)
+    reach = range(-math.floor(ratio), math.floor(ratio) + 1)
+    for place in itertools.product(reach, repeat=axes):
+        r = math.hypot(*place)
+        if 0.0 < r <= ratio:
+            number += r**-power
+            square += r ** (2 - power)
     return number, square

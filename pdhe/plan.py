@@ -122,7 +122,7 @@ def _lengths(case: Case) -> str:
 
 def bond_bytes(case: Case) -> int:
     """Memory of everything that is stored bond by bond."""
-    names = ("neighbours", "reverse", "length", "nx", "ny", "weight", "cut", "fineness", "horizons")
+    names = ("neighbours", "reverse", "length", "nx", "ny", "nz", "weight", "cut", "fineness", "horizons")
     arrays = [array for name in names if (array := getattr(case.bonds, name, None)) is not None]
     if case.body is not None:
         arrays += [case.body.cubed, case.body.intact]

@@ -13,7 +13,6 @@ from pdhe.scene_fields import Block, choice, problem
 from pdhe.scene_history import (
     CoverageHistory,
     DisplacementHistory,
-    PiecewiseLinear,
     TractionHistory,
     VelocityHistory,
 )
@@ -369,16 +368,6 @@ class Load(Block):
             hint = "give one of `displacement`, `velocity`, `traction`, `initial_velocity`; another entry for another"
             raise problem(text, hint, given[-1] if given else "displacement")
         return self
-
-    @property
-    def x(self) -> PiecewiseLinear | None:
-        """Prescribed displacement along x (m), None if free."""
-        return None if self.displacement is None else self.displacement.x
-
-    @property
-    def y(self) -> PiecewiseLinear | None:
-        """Prescribed displacement along y (m), None if free."""
-        return None if self.displacement is None else self.displacement.y
 
     @property
     def kind(self) -> str:

@@ -85,8 +85,9 @@ def configured_studies(folder: Path = Path("config")) -> list[Path]:
     found = {}
     if (folder / "config.yaml").is_file():
         listed = read_yaml(folder / "config.yaml")
-        for name in (listed.get("studies") or ()) if isinstance(listed, dict) else ():
-            found[Path(name).resolve()] = Path(name)
+        if isinstance(listed, dict):
+            for name in (*(listed.get("studies") or ()), *filter(None, [listed.get("dynamics")])):
+                found[Path(name).resolve()] = Path(name)
     for path in sorted((folder / "studies").glob("*.y*ml")):
         content = read_yaml(path)
         if isinstance(content, dict) and "study" in content:

@@ -8,6 +8,7 @@ library takes a file apart: a flipped bit in the structure of a file makes some 
 from __future__ import annotations
 
 import contextlib
+import errno
 import hashlib
 import json
 import os
@@ -130,6 +131,8 @@ def why_not_written(path: Path, problem: str) -> OSError:
 def check_place(path: str | os.PathLike[str]) -> None:
     """Make the folder of a place, and raise the :class:`OSError` with which writing a file there would fail, if any."""
     Path(path).parent.mkdir(parents=True, exist_ok=True)
+    if os.path.isdir(path):  # noqa: PTH112 - any kind of path
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     with contextlib.suppress(_Tried), moved_when_whole(path) as temporary:
         if temporary != Path(path):
             temporary.touch()

@@ -129,6 +129,10 @@ def test_a_place_that_cannot_be_written_to_is_told_before_anything_is_computed(m
     words, _ = words_of(made, "solve", tmp_path / "file")
     assert cli.main(words) == 1
     assert "error: " in (told := capsys.readouterr().err) and "file" in told
+    (tmp_path / "taken" / "r.nc").mkdir(parents=True)
+    words, _ = words_of(made, "solve", tmp_path / "taken")
+    assert cli.main(words) == 1
+    assert f"{tmp_path / 'taken' / 'r.nc'}: is a directory" in capsys.readouterr().err
     monkeypatch.setattr(Path, "touch", lambda self: (_ for _ in ()).throw(OSError(errno.EROFS, "Read-only", str(self))))
     words, _ = words_of(made, "solve", tmp_path)
     assert cli.main(words) == 1

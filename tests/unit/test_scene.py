@@ -64,8 +64,8 @@ def test_mode_i_in_si():
     assert scene.material.toughness("stress") == pytest.approx(58.4e6**2 / 207e9)  # K^2/E
     assert scene.node_sets == ("left", "right", "bottom", "top", "all", "notch")
     top = scene.loads[0]
-    assert (top.on, top.at, top.x) == ("top", "edge", None)
-    assert [top.y(t) for t in (0.0, 1e6, 2e6, 9e9)] == [0.0, 1e-5, 2e-5, 2e-5]
+    assert (top.on, top.at, top.displacement.x) == ("top", "edge", None)
+    assert [top.displacement.y(t) for t in (0.0, 1e6, 2e6, 9e9)] == [0.0, 1e-5, 2e-5, 2e-5]
     assert scene.hydrogen.boundary[0].coverage(5.0) == 1.0
     assert len(scene.outputs.times) == 61
     assert scene.outputs.times[-1] == scene.time.end == 6e6

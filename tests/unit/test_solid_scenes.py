@@ -250,6 +250,7 @@ def test_a_crack_grows_through_the_thickness(tmp_path):
     d = nodes_of(one)
     case = build_case(one, d)
     assert "6 mm" not in make_plan(case) and "bonds cut by pre-cracks" in make_plan(case)
+    assert "condensed rotation, in space, weights" in make_plan(case)
     solve_case(one, d, tmp_path / "block.nc")
     with open_result(tmp_path / "block.nc") as result:
         assert result["broken_bonds"].values[-1] > 100

@@ -196,10 +196,12 @@ def test_studies_of_the_configuration_and_others_beside_it(project):
     for name in ("one", "two"):
         shutil.copy("pair.yaml", studies / f"{name}.yaml")
     (studies / "check.yaml").write_text("check: {topic: pair}\n")
-    Path("config/config.yaml").write_text("studies: [pair.yaml, config/studies/one.yaml]\n")
+    shutil.copy("pair.yaml", "aside.yaml")
+    Path("config/config.yaml").write_text("studies: [pair.yaml, config/studies/one.yaml]\ndynamics: aside.yaml\n")
     assert [str(path) for path in store.configured_studies()] == [
         "pair.yaml",
         "config/studies/one.yaml",
+        "aside.yaml",
         "config/studies/two.yaml",
     ]
 

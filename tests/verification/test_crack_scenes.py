@@ -20,5 +20,5 @@ def test_the_example_scenes_are_those_of_the_topic(file, layout):
     assert [hole.model_dump() for hole in scene.geometry.holes] == list(wanted.holes)
     assert scene.time.end == wanted.end
     assert {c.on for c in scene.hydrogen.boundary} == set(wanted.cracks)
-    assert scene.loads[0].y(2.0 * RAMP) == pytest.approx(HELD_PULL)
+    assert scene.loads[0].displacement.y(2.0 * RAMP) == pytest.approx(HELD_PULL)
     assert scene.mesh.cells == "triangle"
