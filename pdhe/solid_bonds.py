@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from pdhe.bonds import Bonds, partial_volume
-from pdhe.corrections import WEIGHT_LIMITS
 from pdhe.errors import PdheError
 from pdhe.kernels import moments3d
 from pdhe.kernels.families import reverse_bonds
@@ -17,6 +16,8 @@ from pdhe.kernels.moments3d import EVEN, FOURTH, ODD
 from pdhe.kernels.vectors import dot, row_sums
 from pdhe.surfaces import Surface, crossed_by
 
+#: Corrections are confined to this range; with that of the plane, 0.2 to 5, bars are 2 % softer.
+WEIGHT_LIMITS = (0.1, 10.0)
 #: Weight of a change of the bonds against errors of the moments. Less makes moments better and bonds wilder: with 0.02
 #: no solution is found on small bodies, from 0.03 to 0.05 the energies of uniform strains differ by 1 %.
 JOINT_DAMPING = 0.05

@@ -23,6 +23,7 @@ TOPICS: dict[str, str] = {
     "toughness": "pdhe.verification.toughness",
     "graded": "pdhe.verification.graded",
     "symmetry": "pdhe.verification.symmetry",
+    "three_dimensions": "pdhe.verification.three_dimensions",
     "waves": "pdhe.verification.waves",
     "verlet": "pdhe.verification.verlet",
     "external_mechanics": "pdhe.verification.external_mechanics",
