@@ -77,6 +77,15 @@ def warnings(case: Case, pilot: Pilot | None = None) -> list[str]:
                 f"crack '{crack.name}' is {length / horizon:.2g} horizons long, too short for its tips not to "
                 "feel each other's nonlocality: make `mesh.spacing` finer"
             )
+        elif case.body is not None and scene.hydrogen is not None and scene.hydrogen.saturation is not None:
+            threshold = scene.hydrogen.saturation.damage
+            damage = float(np.median(case.body.damage()[case.discretization.node_sets[crack.name]]))
+            if damage <= threshold:
+                found.append(
+                    f"faces like those of crack '{crack.name}' stay unsaturated: nodes there have a damage of "
+                    f"{damage:.3g} (median), which is not above `hydrogen.saturation.damage`, {threshold:g}: "
+                    "lower that, or take another horizon"
+                )
     if case.rule is not None and not case.rule.by_energy and scene.mechanics.model == "correspondence":
         found.append(
             "under `damage.criterion: stretch` cracks in a correspondence model take twice the energy they should: "

@@ -233,7 +233,7 @@ def crack_direction(result: xr.Dataset, time: float, crack: int = 0) -> float | 
     Parameters
     ----------
     crack
-        Number of the pre-crack in the scene; it grows from its ``to``.
+        Number of the pre-crack in the scene; the end is its ``to``, or its ``from`` where nothing grew from there.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -245,15 +245,21 @@ def crack_direction(result: xr.Dataset, time: float, crack: int = 0) -> float | 
     graph = coo_array((np.ones(len(ends)), tuple(ends.T)), shape=(count, count))
     piece = connected_components(graph, directed=False)[1][ends[:, 0]]
     start, tip = pre_cracks(result)[crack]
-    middle = result["vertices"].values[ends].mean(axis=1) - tip
+    middle = result["vertices"].values[ends].mean(axis=1)
     length = np.linalg.norm(np.diff(result["vertices"].values[ends], axis=1)[:, 0], axis=1)
     old = facets.broken[rows] == PRE_CRACKED
     along = (tip - start) / np.linalg.norm(tip - start)
     # Those of this pre-crack are within a side of a cell of its line.
-    own = old & (np.abs(along[0] * middle[:, 1] - along[1] * middle[:, 0]) < length.max(initial=0.0))
+    away = middle - tip
+    own = old & (np.abs(along[0] * away[:, 1] - along[1] * away[:, 0]) < length.max(initial=0.0))
     grown = ~old & np.isin(piece, piece[own])
     if not grown.any():
         return None
+    # What is nearer to the other end grew from there.
+    from_tip = np.linalg.norm(away, axis=1) < np.linalg.norm(middle - start, axis=1)
+    if not (grown & from_tip).any():
+        from_tip, tip, along = ~from_tip, start, -along
+    grown, middle = grown & from_tip, middle - tip
     moment = (middle[grown] * length[grown, None]).T @ middle[grown]
     axis = np.linalg.eigh(moment)[1][:, 1]
     axis *= np.sign(length[grown] @ (middle[grown] @ axis)) or 1.0

@@ -63,6 +63,12 @@ def check_symmetry(scene: "Scene") -> None:
         (f"damage.no_fail.{k}", name, "bonds across it break like others")
         for k, name in enumerate(scene.damage.no_fail if scene.damage else ())
     ]
+    damage = scene.damage
+    text = "its nodes are those beside the line"
+    if damage is not None:
+        named += [(f"damage.regions.{k}.on", region.on, text) for k, region in enumerate(damage.regions or ())]
+        pairs = [item.between for item in damage.interfaces or ()]
+        named += [(f"damage.interfaces.{k}.between", name, text) for k, pair in enumerate(pairs) for name in pair]
     for key, name, text in named:
         if name in mirrors:
             hint = f"{text}; name another set, or take it out of `geometry.symmetry`"

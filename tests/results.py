@@ -40,7 +40,9 @@ def opening(centres: np.ndarray, share: float, tip: float) -> np.ndarray:
     return u
 
 
-def write_result(path: Path, physics: str = "mdh", triangles: bool = False, outputs: int = 7) -> Path:
+def write_result(
+    path: Path, physics: str = "mdh", triangles: bool = False, outputs: int = 7, notch: dict = NOTCH
+) -> Path:
     """Write a result with mechanics (m), damage (d) and hydrogen (h), as wanted.
 
     The crack starts in the middle of the time and advances by a cell at each output from then on.
@@ -82,6 +84,6 @@ def write_result(path: Path, physics: str = "mdh", triangles: bool = False, outp
             row |= {"mean_coverage": psi.mean(), "hydrogen_content": content, "hydrogen_influx": content}
         recorder.row(**row)
         recorder.snapshot(time, **fields)
-    scene = {"geometry": {"cracks": [NOTCH] if "m" in physics else []}}
+    scene = {"geometry": {"cracks": [notch] if "m" in physics else []}}
     recorder.contents(d, {"title": "made up", "status": "complete", "scene": json.dumps(scene)}).write(path)
     return path

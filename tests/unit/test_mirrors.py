@@ -74,6 +74,14 @@ BAD = {
         "loads.0.displacement.y",
         "moves `bore` across",
     ),
+    "fracture energy on a mirror": (
+        {"damage.regions": [{"on": "bottom", "factor": 0.5}]}, "damage.regions.0.on", "is a mirror line",
+    ),
+    "interface at a mirror": (
+        {"damage.interfaces": [{"between": ["all", "bottom"], "factor": 0.5}]},
+        "damage.interfaces.0.between",
+        "is a mirror line",
+    ),
     "crack along an edge that is none": (
         {"geometry.symmetry": ["left"], "loads": loads(y="0.02 mm")}, "geometry.cracks.0.to", "cuts nothing",
     ),

@@ -166,6 +166,7 @@ def test_memory_is_foretold_within_a_fifth(path, changes, tmp_path):
         ({"time.end": "1e4 s", "outputs": {"count": 1}, "loads": [{"on": "top", "displacement": {"y": "0.02 mm"}}]},
          "front is not resolved"),
         ({"mechanics.model": "correspondence"}, "twice the energy they should"),
+        ({"horizon.ratio": 2.015}, "nodes there have a damage of 0.333 (median)"),
     ],
 )  # fmt: skip
 def test_warnings(overrides, words):

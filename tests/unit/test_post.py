@@ -9,7 +9,7 @@ import pytest
 from pdhe import post
 from pdhe.errors import PdheError
 from pdhe.results import open_result
-from tests.results import COLUMNS, DAY, ROWS, write_result
+from tests.results import COLUMNS, DAY, NOTCH, ROWS, write_result
 
 
 @pytest.fixture(scope="module")
@@ -155,6 +155,11 @@ def test_a_crack_that_goes_on_straight_has_the_direction_of_its_notch(tmp_path, 
     result = variant(tmp_path, triangles=triangles)
     assert post.crack_direction(result, 0.0) is None
     assert post.crack_direction(result, 60 * DAY) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_crack_grows_from_the_end_that_is_inside_whichever_comes_first(tmp_path):
+    result = variant(tmp_path, notch=NOTCH | {"from": NOTCH["to"], "to": NOTCH["from"]})
+    assert post.crack_direction(result, 60 * DAY) == pytest.approx(0.0, abs=1e-9)  # was 180 of the wrong end
 
 
 def test_cracks_across_a_line_are_counted(result):
