@@ -117,6 +117,7 @@ class Body(ABC):
         self.normal = model.normal
         self.intact = ~bonds.cut
         self.broken: list[np.ndarray] = []
+        self._found_open: tuple[np.ndarray | None, np.ndarray | None, int] = (None, None, -1)
         self.cubed = np.where(self.intact, bonds.weight / bonds.length**3, 0.0).astype(precision, copy=False)
         self._phi = np.zeros(bonds.node_count)
         self._count_broken(np.arange(bonds.node_count, dtype=np.int32))
@@ -161,11 +162,19 @@ class Body(ABC):
             counting, (n,), and :meth:`node_parts`.
         """
         self.force(u, out)
-        owner, other = self.bonds.owners(), self.bonds.far()
-        breakable = self.intact & (weakness[owner] > 0.0) & (weakness[other] > 0.0)
         resistance = 1.0 / np.sqrt(np.where(weakness > 0.0, weakness, 1.0))
-        top, nodes = self.largest_ratios(u, by_energy, breakable, resistance)
+        top, nodes = self.largest_ratios(u, by_energy, self._open(weakness), resistance)
         return top**2, nodes
+
+    def _open(self, weakness: np.ndarray) -> np.ndarray:
+        """Unbroken directed bonds both ends of which may lose bonds, bool (b,)."""
+        # The same from step to step but where bonds break: to find it takes several times as long as a force sweep.
+        found, of, breaks = self._found_open
+        if of is not weakness or breaks != len(self.broken):
+            owner, other = self.bonds.owners(), self.bonds.far()
+            found = self.intact & (weakness[owner] > 0.0) & (weakness[other] > 0.0)
+            self._found_open = found, weakness, len(self.broken)
+        return found
 
     @abstractmethod
     def energy(self, u: np.ndarray) -> np.ndarray:

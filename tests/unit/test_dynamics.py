@@ -85,6 +85,21 @@ def test_one_sweep_gives_forces_and_the_nearest_bonds(model, options, by_energy)
         np.testing.assert_allclose(square, expected, rtol=1e-9, atol=1e-12 * expected.max())
 
 
+@pytest.mark.parametrize("model", MODELS)
+def test_the_nearest_bonds_follow_what_breaks_and_what_may_break(model):
+    x, body = make_body(model=model)
+    u = np.random.default_rng(0).normal(size=x.shape) * 1e-5
+    all_may, out = np.full(len(x), 1e5), np.empty_like(u)
+    before = body.force_and_ratios(u, True, all_may, out)[0]
+    worst = int(before.argmax())
+    few_may = np.where(np.arange(len(x)) == worst, 0.0, all_may)
+    assert body.force_and_ratios(u, True, few_may, out)[0][worst] == 0.0
+    assert np.array_equal(body.force_and_ratios(u, True, all_may, out)[0], before)
+    own = slice(body.bonds.offsets[worst], body.bonds.offsets[worst + 1])
+    body.break_bonds(np.arange(len(body.intact))[own])
+    assert body.force_and_ratios(u, True, all_may, out)[0][worst] == 0.0
+
+
 @pytest.mark.parametrize("cells", ["quadrilateral", "triangle"])
 def test_one_sweep_does_for_mirrored_halves_too(tmp_path, cells):
     half = {
