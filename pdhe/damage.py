@@ -218,9 +218,10 @@ class FailureRule:
 class Candidates:
     """The bonds that could break while the displacements go linearly from ``u0`` to ``u1``.
 
-    A bond is in the list if its load at either end reaches the least resistance that saturation could leave it. Loads
-    are convex in time between the two ends, so no other bond can fail in between. With ``psi`` (n,), the coverage
-    stays as it is, and only bonds are listed that may be critical at it.
+    A bond is in the list if its load at either end reaches the least resistance that saturation could leave it. Under
+    proportional loads a load only rises or falls in between; otherwise it is convex there while the bond is stretched,
+    if its energy is a sum of squares, so that no other bond can fail (for the rest see limits: loads that are not
+    proportional). With ``psi`` (n,), the coverage stays as it is, and only bonds are listed that may be critical at it.
     """
 
     def __init__(

@@ -65,6 +65,8 @@ def check_symmetry(scene: "Scene") -> None:
     ]
     damage = scene.damage
     text = "its nodes are those beside the line"
+    layers = scene.hydrogen.regions if scene.hydrogen else None
+    named += [(f"hydrogen.regions.{k}.on", layer.on, text) for k, layer in enumerate(layers or ())]
     if damage is not None:
         named += [(f"damage.regions.{k}.on", region.on, text) for k, region in enumerate(damage.regions or ())]
         pairs = [item.between for item in damage.interfaces or ()]

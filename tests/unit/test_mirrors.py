@@ -77,6 +77,9 @@ BAD = {
     "fracture energy on a mirror": (
         {"damage.regions": [{"on": "bottom", "factor": 0.5}]}, "damage.regions.0.on", "is a mirror line",
     ),
+    "diffusivity on a mirror": (
+        {"hydrogen.regions": [{"on": "bottom", "factor": 0.5}]}, "hydrogen.regions.0.on", "is a mirror line",
+    ),
     "interface at a mirror": (
         {"damage.interfaces": [{"between": ["all", "bottom"], "factor": 0.5}]},
         "damage.interfaces.0.between",
