@@ -172,6 +172,10 @@ def _apply(raw: dict[str, Any], kind: str, settings: Settings) -> None:
         return  # the check of the scene, which follows, says what is wrong
     if not all(isinstance(block, dict) for block in blocks.values()):
         return
+    # Cracks in space are refused in a plate, by that check too.
+    geometry = geometry.model_copy(
+        update={"cracks": tuple(crack for crack in geometry.cracks if crack.start is not None)}
+    )
     raw |= blocks
     lattice = raw["mesh"].get("cells") in (None, "quadrilateral") and not geometry.holes
     if raw["mesh"].get("spacing") is None:

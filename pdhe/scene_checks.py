@@ -49,6 +49,7 @@ def reserved_names(scene: "Scene") -> tuple[str, ...]:
 
 def check_scene(scene: "Scene") -> None:
     """Raise the first problem of a scene whose blocks are valid one by one."""
+    _check_shapes(scene)
     _check_mesh(scene)
     _check_names(scene)
     _check_holes(scene)
@@ -81,6 +82,15 @@ def square_cells(width: float, height: float, spacing: float) -> tuple[int, int,
 
 def _mm(*lengths: float) -> str:
     return " x ".join(f"{1e3 * length:g}" for length in lengths) + " mm"
+
+
+def _check_shapes(scene: "Scene") -> None:
+    """Refuse cracks in a plate that only bodies in space have, before anything asks where they begin."""
+    for k, crack in enumerate(scene.geometry.cracks):
+        if crack.start is None and not scene.mesh.solid:
+            shape = "disc" if crack.disc is not None else "polygon"
+            hint = "use `mesh: {cells: hexahedron}` or `tetrahedron`"
+            raise problem("is a crack in space", hint, f"geometry.cracks.{k}.{shape}")
 
 
 def _check_mesh(scene: "Scene") -> None:
@@ -235,11 +245,6 @@ def _check_cracks(scene: "Scene") -> None:
     for k, crack in enumerate(scene.geometry.cracks):
         key = f"geometry.cracks.{k}"
         if crack.start is None:
-            if not scene.mesh.solid:
-                shape = "disc" if crack.disc is not None else "polygon"
-                raise problem(
-                    "is a crack in space", "use `mesh: {cells: hexahedron}` or `tetrahedron`", f"{key}.{shape}"
-                )
             solid.check_shape(scene, crack, key)
             continue
         spacing = _local_spacing(scene, crack.start, crack.end)

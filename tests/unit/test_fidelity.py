@@ -11,6 +11,8 @@ from pdhe.scene_blocks import FIDELITIES
 from pdhe.scene_checks import square_cells
 
 SCENES = Path(__file__).parents[2] / "config" / "scenes"
+# Fidelities are measured on plane meshes, and refused in space.
+PLATES = sorted(path.stem for path in SCENES.glob("*.yaml") if "cells: hexahedron" not in path.read_text())
 KINDS = {"mode_i": "fracture", "elastic": "elastic", "diffusion": "diffusion"}
 
 
@@ -28,7 +30,7 @@ def test_every_kind_of_scene_has_every_fidelity_from_cheap_to_accurate():
 
 
 @pytest.mark.parametrize("fidelity", FIDELITIES)
-@pytest.mark.parametrize("name", sorted(path.stem for path in SCENES.glob("*.yaml")))
+@pytest.mark.parametrize("name", PLATES)
 def test_spacing_suits_the_scene(name, fidelity):
     scene = filled(name, fidelity, horizon=None)
     kind = next(kind for block, kind in (("damage", "fracture"), ("loads", "elastic"), ("time", "diffusion"))

@@ -66,6 +66,18 @@ BAD = {
     "disc in the plane": (
         {"mesh__cells": "triangle", "geometry__cracks": [DISC]}, "geometry.cracks.0.disc", "in space", "hexahedron",
     ),
+    "disc in a graded plane": (
+        {
+            "mesh": {"spacing": "1 mm", "cells": "triangle", "refine": [
+                {"around": "penny", "spacing": "0.5 mm", "within": "1 mm"}
+            ]},
+            "geometry__cracks": [DISC],
+        }, "geometry.cracks.0.disc", "in space", "hexahedron",
+    ),
+    "polygon in a plane with a fidelity": (
+        {"mesh": {"cells": "triangle"}, "fidelity": "draft", "geometry__cracks": [TILTED]},
+        "geometry.cracks.0.polygon", "in space", "hexahedron",
+    ),
     "two shapes": (
         {"geometry__cracks": [DISC | {"polygon": TILTED["polygon"]}]}, "geometry.cracks.0.polygon", "two ways", "disc",
     ),
