@@ -200,11 +200,12 @@ def _axes(scene: Scene, d: Discretization) -> np.ndarray:
 def _require_support(scene: Scene, body: Body) -> None:
     nodes = body.unsupported()
     if nodes.size:
-        x, y = body.coordinates[nodes[0]]
+        place = ", ".join(f"{x:g}" for x in body.coordinates[nodes[0]])
+        wanted, lie = ("more than one direction", "a row") if scene.plane else ("all three directions", "a plane")
         raise SceneError(
             "scene", "mechanics.model", scene.mechanics.model,
-            f"needs bonds in more than one direction, but those of {nodes.size} nodes lie in a row, the first at "
-            f"({x:g}, {y:g}) m", "use a finer mesh or another model",
+            f"needs bonds in {wanted}, but those of {nodes.size} nodes lie in {lie}, the first at ({place}) m",
+            "use a finer mesh or another model",
         )  # fmt: skip
 
 

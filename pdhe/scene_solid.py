@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 FACES = ("front", "back")
 """Node set names that every body in space has beside those of a plate: at z = 0 and at the thickness."""
-SOLID_MODELS = ("condensed rotation", "thesis spring", "one-parameter", "state-based")
+SOLID_MODELS = ("condensed rotation", "thesis spring", "one-parameter", "state-based", "correspondence")
 """Elastic models that there are in space."""
 SQUARENESS = 0.02
 """Largest relative difference of the sides of a cell on a structured mesh."""
@@ -164,6 +164,9 @@ def check_mechanics(scene: "Scene") -> None:
     if scene.mechanics.model not in SOLID_MODELS:
         listed = " or ".join(f"`{name}`" for name in SOLID_MODELS)
         raise problem("is made for plates", f"use {listed}, or a plane mesh", "mechanics.model")
+    if scene.material.orthotropic is not None:
+        text = "is made for plates: its axes lie in one plane"
+        raise problem(text, "leave it out, or use a plane mesh", "material.orthotropic")
     if scene.mechanics.plane != "stress":
         raise problem("is a state of plates", "leave it out: the body is computed in space", "mechanics.plane")
     if scene.mechanics.weights == "energy":

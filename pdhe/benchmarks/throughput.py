@@ -13,7 +13,8 @@ import numpy as np
 from pdhe.benchmarks.compiled import Library, compile_source
 from pdhe.benchmarks.problems import Sweep, bare_sweep
 from pdhe.benchmarks.timing import counted, in_turns, ratio, sample_table, shown
-from pdhe.materials import MODELS
+from pdhe.materials import MODELS, make_body
+from pdhe.solid_bonds import build_solid_bonds
 from pdhe.verification.drawing import COLOURS, MARKERS, label, panels
 from pdhe.verification.plates import plate_body, square_plate
 from pdhe.verification.report import Report, Row
@@ -31,9 +32,9 @@ to compile them. The ceiling is the measured speed of reading an array as large 
 the sweep, over the bytes that a bond streams: {bytes}. What a node needs is read again and again and comes from
 caches.
 
-The lines by model are force sweeps of whole bodies, in turns on one square lattice and one lattice with displaced
-nodes, with all that a solver calls: arrays for results and, for models of two sweeps, what happens at the nodes between
-them.
+The lines by model are force sweeps of whole bodies, in turns on one square lattice, one lattice with displaced nodes
+and one of cubes in space, with all that a solver calls: arrays for results and, for models of two sweeps, what happens
+at the nodes between them.
 
 Goals: 0.9 of C; {diffusion:.1g} directed bonds a second for diffusion and {force:.1g} for forces, in cache;
 {correspondence:.1g} for the correspondence model.
@@ -75,7 +76,7 @@ def run(
                         groups[title] = samples
                         points.append(point)
                         rows += _rows(title, point)
-    for nodes_are, jitter in (("lattice", 0.0), ("displaced nodes", 0.1)):
+    for nodes_are, jitter in (("lattice", 0.0), ("displaced nodes", 0.1), ("in space", None)):
         samples, bonds = _models(model_nodes, jitter, rounds, least)
         groups[f"force by model, {nodes_are}"] = samples
         rows += [
@@ -120,8 +121,13 @@ def _measure(
     return point, samples
 
 
-def _models(nodes: int, jitter: float, rounds: int, least: float) -> tuple[dict[str, list[float]], int]:
-    """Times of a force sweep by elastic model, in turns on the same nodes, s, and the number of directed bonds."""
+def _models(nodes: int, jitter: float | None, rounds: int, least: float) -> tuple[dict[str, list[float]], int]:
+    """Times of a force sweep by elastic model, in turns on the same nodes, s, and the number of directed bonds.
+
+    ``jitter`` is the displacement of nodes of a plate over their spacing; None stands for a cube of nodes.
+    """
+    if jitter is None:
+        return _solid_models(nodes, rounds, least)
     side = max(8, round(np.sqrt(nodes)))
     plate, parts, bonds = square_plate(side, side, jitter=jitter), {}, 0
     u = np.random.default_rng(1).normal(size=plate.coordinates.shape) * 1e-7
@@ -129,6 +135,20 @@ def _models(nodes: int, jitter: float, rounds: int, least: float) -> tuple[dict[
         body = plate_body(plate, 3.015e-3, model=model, partial="ramp" if jitter else "full")
         parts[model], bonds = partial(body.force, u, np.empty_like(u)), body.bonds.length.size
     return in_turns(parts, rounds, least), bonds
+
+
+def _solid_models(nodes: int, rounds: int, least: float) -> tuple[dict[str, list[float]], int]:
+    side, parts = max(5, round(np.cbrt(nodes))), {}
+    line = (np.arange(side) + 0.5) * 1e-3
+    coordinates = np.stack(np.meshgrid(line, line, line, indexing="ij"), axis=-1).reshape(-1, 3)
+    volume, spacing = np.full(side**3, 1e-9), np.full(side**3, 1e-3)
+    # What corrections make of the weights does not matter to speed.
+    bonds = build_solid_bonds(coordinates, volume, spacing, 3.015e-3, surface="none")
+    u = np.random.default_rng(1).normal(size=coordinates.shape) * 1e-7
+    for model, kind in MODELS.items():
+        body = make_body(bonds, kind(207e9, 0.25, 1e-3 * side, 3.015e-3, None), coordinates, volume)
+        parts[model] = partial(body.force, u, np.empty_like(u))
+    return in_turns(parts, rounds, least), bonds.length.size
 
 
 def _call_all(calls: Sequence) -> None:

@@ -11,13 +11,7 @@ from pdhe.kernels import correspondence as kernels
 from pdhe.kernels.jit import as_float
 from pdhe.materials import constants
 from pdhe.materials.body import Body, Measure, Model
-
-#: Least over largest principal value of a shape tensor below which a family counts as a row: it has no gradient.
-#: Half discs have 1, quarter discs 0.2; two bonds at an angle of 11 degrees have 0.01.
-ROW = 0.01
-#: Share of the least principal value that the shape tensor had before anything was cut, below which the stress of a
-#: node fades out: bonds along and beside a straight crack leave a half.
-CARRIES_ALL = 0.25
+from pdhe.materials.solid_correspondence import CARRIES_ALL, ROW, SolidCorrespondenceBody
 
 
 def silling_control(model: Correspondence, stiffness: np.ndarray, inverse: np.ndarray) -> np.ndarray:
@@ -259,12 +253,14 @@ class Correspondence(Model):
     zero_energy_strength
         Factor on that.
     orthotropic
-        Constants in the axes of the material; then Young's modulus and Poisson's ratio are not regarded.
+        Constants in the axes of the material; then Young's modulus and Poisson's ratio are not regarded. In the plane
+        alone.
     angle
         Of the material axis 1 from x, rad: one number, or one for each node (n,).
     """
 
     body = CorrespondenceBody
+    solid_body = SolidCorrespondenceBody
     zero_energy: str = "wan"
     zero_energy_strength: float = 1.0
     orthotropic: constants.Orthotropic | None = None

@@ -17,7 +17,7 @@ STATES = {
     "damaged": {"perturb": 0.2, "break_share": 0.2},
     "nearly all broken": {"break_share": 0.97},
 }
-MODES = ("condensed rotation", "one-parameter", "state-based")
+MODES = ("condensed rotation", "one-parameter", "state-based", "correspondence")
 
 
 @pytest.fixture(params=STATES, ids=list(STATES))

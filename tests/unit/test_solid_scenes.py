@@ -123,8 +123,13 @@ BAD = {
     ),
     "energy correction": ({"mechanics__weights": "energy"}, "mechanics.weights", "made for plates", "moment matched"),
     "plane strain": ({"mechanics__plane": "strain"}, "mechanics.plane", "state of plates", "leave it out"),
-    "correspondence": (
-        {"mechanics__model": "correspondence"}, "mechanics.model", "made for plates", "condensed rotation",
+    "orthotropic": (
+        {
+            "mechanics__model": "correspondence", "material__fracture_toughness": None,
+            "material__critical_energy_release_rate": "2 kJ/m^2",
+            "material__orthotropic": {"youngs_modulus_2": "100 GPa", "shear_modulus_12": "50 GPa"},
+        },
+        "material.orthotropic", "made for plates", "leave it out",
     ),
     "mirror lines": ({"geometry__symmetry": ["right"]}, "geometry.symmetry", "plates alone", "whole body"),
     "fidelity": ({"fidelity": "fine"}, "fidelity", "plane meshes", "mesh.spacing"),
@@ -257,12 +262,13 @@ def test_hydrogen_enters_a_block_as_the_series_says(tmp_path):
         assert np.sqrt(np.average((psi - exact) ** 2, weights=d.volume)) < tolerance
 
 
-def test_a_crack_grows_through_the_thickness(tmp_path):
-    one = scene(tmp_path)
+@pytest.mark.parametrize("model", ["condensed rotation", "correspondence"])
+def test_a_crack_grows_through_the_thickness(tmp_path, model):
+    one = scene(tmp_path, mechanics__model=model)
     d = nodes_of(one)
     case = build_case(one, d)
     assert "6 mm" not in make_plan(case) and "bonds cut by pre-cracks" in make_plan(case)
-    assert "condensed rotation, in space, weights" in make_plan(case)
+    assert f"{model}, in space, weights" in make_plan(case)
     solve_case(one, d, tmp_path / "block.nc")
     with open_result(tmp_path / "block.nc") as result:
         assert result["broken_bonds"].values[-1] > 100
@@ -277,3 +283,19 @@ def test_a_crack_grows_through_the_thickness(tmp_path):
         assert np.ptp(broken[:, 2]) > 4e-3
     told = diagnose(tmp_path / "block.nc")
     assert "cannot be built again" not in told and "the crack grew by" in told
+
+
+def test_nodes_with_all_bonds_in_a_plane_are_refused_by_correspondence_models(tmp_path):
+    """Two cracks that leave one layer of nodes between them."""
+    layers = [
+        {
+            "name": f"slit_{z}",
+            "polygon": [[f"{x} mm", f"{y} mm", f"{z} mm"] for x, y in ((0, 0), (10, 0), (10, 8), (0, 8))],
+        }
+        for z in (2, 3)
+    ]
+    changes = {"geometry__cracks": layers, "hydrogen": None, "mechanics__model": "correspondence"}
+    one = scene(tmp_path, **changes, damage=None)
+    with pytest.raises(SceneError, match="all three directions, but those of 80 nodes lie in a plane") as caught:
+        build_case(one, nodes_of(one))
+    assert "finer mesh" in str(caught.value)
