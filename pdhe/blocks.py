@@ -11,17 +11,47 @@ from pdhe.bonds import Bonds
 from pdhe.errors import SceneError
 
 if TYPE_CHECKING:
-    from pdhe.scene_blocks import DiffusivityOn, Interface, ToughnessOn
+    from pdhe.scene_blocks import DiffusivityOn, Interface, StiffnessOn, ToughnessOn
+
+
+#: Largest ratio of Young's moduli within a body that was found right.
+MOST_CONTRAST = 1e6
 
 
 def node_values(
-    count: int, node_sets: Mapping[str, np.ndarray], regions: Sequence[ToughnessOn | DiffusivityOn], elsewhere: float
+    count: int,
+    node_sets: Mapping[str, np.ndarray],
+    regions: Sequence[ToughnessOn | DiffusivityOn | StiffnessOn],
+    elsewhere: float,
 ) -> np.ndarray:
     """Value of every node over that of the material, (n,); later regions go before earlier ones."""
     node = np.ones(count)
     for region in regions:
         node[node_sets[region.on]] = region.over(elsewhere)
     return node
+
+
+def stiffness_ratios(
+    bonds: Bonds, node_sets: Mapping[str, np.ndarray], regions: Sequence[StiffnessOn], youngs_modulus: float
+) -> np.ndarray:
+    """Stiffness of every directed bond over that in the material, (b,) (theory, eq. 2.25).
+
+    That of two springs in a row, half a bond each, one in the material of either end. ``youngs_modulus`` is that of
+    the material, Pa.
+
+    Raises
+    ------
+    SceneError
+        If Young's moduli differ by more than :data:`MOST_CONTRAST`.
+    """
+    node = node_values(bonds.node_count, node_sets, regions, youngs_modulus)
+    contrast = float(node.max() / node.min())
+    if contrast > MOST_CONTRAST * (1.0 + 1e-9):
+        raise SceneError(
+            "scene", "mechanics.regions", contrast, f"is the ratio of Young's moduli, above {MOST_CONTRAST:g}",
+            "a hole, or a prescribed displacement of a stiff part, says the same",
+        )  # fmt: skip
+    return 2.0 / (1.0 / node[bonds.owners()] + 1.0 / node[bonds.far()])
 
 
 def toughness_ratios(

@@ -151,7 +151,10 @@ def needs_of(scene: Mapping[str, Any]) -> Needs:
     force, diffusion = (bonds / rate for rate in rates)
     work = STEP * diffusion * sweeps
     if moving:
-        sound = math.sqrt(scene["material"]["youngs_modulus"] / scene["material"]["density"])
+        young = scene["material"]["youngs_modulus"]
+        regions = scene["mechanics"].get("regions") or ()
+        stiffest = max([young, *(item.get("youngs_modulus") or item["factor"] * young for item in regions)])
+        sound = math.sqrt(stiffest / scene["material"]["density"])
         stable = STABLE * ratio / 3.0 * finest / sound
         work += force * MOVING * scene["time"]["end"] / (stepping.get("step") or stepping["safety"] * stable)
     elif mechanics:

@@ -135,6 +135,7 @@ def bond_bytes(case: Case) -> int:
     arrays = [array for name in names if (array := getattr(case.bonds, name, None)) is not None]
     if case.body is not None:
         arrays += [case.body.cubed, case.body.intact]
+        arrays += [] if case.body.relative is None else [case.body.relative]
     if case.diffusion is not None:
         arrays.append(case.diffusion.rate)
         if case.diffusion.bonds is not case.bonds:
@@ -159,7 +160,14 @@ def _mechanics(case: Case) -> str:
         f"mechanics: on, {case.scene.mechanics.model}, {where}, "
         f"weights {case.scene.mechanics.weights}, {cut} bonds cut by pre-cracks, {how}"
         + (", weights in single precision" if case.body.cubed.dtype == np.float32 else "")
+        + _stiffness(case.body.relative)
     )
+
+
+def _stiffness(relative: np.ndarray | None) -> str:
+    if relative is None:
+        return ""
+    return f"; Young's modulus {relative.min():.4g} to {relative.max():.4g} times that of the material"
 
 
 def _damage(case: Case) -> str:
@@ -183,6 +191,8 @@ def _varied(case: Case) -> str:
     ratio, alike = case.rule.factor**2, stretch_squares(case.bonds, CRITERIA[settings.criterion])
     if alike is not None:
         ratio = ratio / alike
+    if case.body.relative is not None:
+        ratio = ratio * case.body.relative
     return f"; fracture energy {ratio.min():.4g} to {ratio.max():.4g} times that of the material"
 
 

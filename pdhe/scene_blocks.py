@@ -298,12 +298,30 @@ class Axes(Block):
     around: fields.Point | None = None
 
 
+class StiffnessOn(Block):
+    """A Young's modulus on a node set, other than that of the material: as such (Pa), or as a factor to it."""
+
+    on: fields.NodeSet
+    youngs_modulus: fields.Stiffness | None = None
+    factor: fields.Factor | None = None
+
+    @model_validator(mode="after")
+    def _one_value(self) -> "StiffnessOn":
+        if (self.youngs_modulus is None) == (self.factor is None):
+            raise problem("needs either `youngs_modulus` or `factor`", "for example `factor: 0.1`")
+        return self
+
+    def over(self, elsewhere: float) -> float:
+        """Young's modulus over that of the material, given the latter (Pa)."""
+        return self.factor if self.youngs_modulus is None else self.youngs_modulus / elsewhere
+
+
 class Mechanics(Block):
     """The elastic model, its weights and the treatment of cells that the horizon cuts.
 
     ``plane`` says what vanishes across the plate: stress or strain. ``zero_energy`` and its strength are for the model
     ``correspondence``: what resists displacements that its gradient does not see. ``axes`` are those of an orthotropic
-    material.
+    material. ``regions`` have Young's moduli of their own; later entries go before earlier ones.
     """
 
     model: Annotated[str, choice(*MODELS)] = "condensed rotation"
@@ -313,6 +331,7 @@ class Mechanics(Block):
     axes: Annotated[tuple[Axes, ...], BeforeValidator(fields.as_list)] | None = None
     weights: Annotated[str, choice("moment matched", "volume", "energy", "none")] = "moment matched"
     partial_volume: Annotated[str, choice("auto", "full", "ramp", "thesis")] = "auto"
+    regions: Annotated[tuple[StiffnessOn, ...], BeforeValidator(fields.as_list)] | None = None
 
 
 class Displacement(Block):

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from pdhe.scene import Scene
-    from pdhe.scene_blocks import Crack, Damage, DiffusivityOn, Hole, Region, ToughnessOn
+    from pdhe.scene_blocks import Crack, Damage, DiffusivityOn, Hole, Region, StiffnessOn, ToughnessOn
     from pdhe.scene_history import PiecewiseLinear
     from pdhe.sizing import SizeField
 
@@ -368,6 +368,15 @@ def _check_material(scene: "Scene") -> None:
     if model == "thesis spring" and nu > natural + 1e-9:
         text = f"is above {name}, where the tangential springs are negative and a rotation releases energy (indefinite)"
         raise problem(text, "use `mechanics: {model: condensed rotation}`", key)
+    if scene.mechanics.regions:
+        use, where = "use `mechanics: {model: condensed rotation}` in the plane", "mechanics.regions"
+        if model != "condensed rotation" or scene.mesh.solid:
+            raise problem(
+                f"are not known to {'bodies in space' if scene.mesh.solid else f'model `{model}`'}", use, where
+            )
+        if nu > natural + 1e-9:
+            text = f"are not known where tangential springs are negative, at a Poisson's ratio above {name}"
+            raise problem(text, f"use at most {natural:.4g} in plane {plane}", where)
     for setting in ("zero_energy", "zero_energy_strength"):
         given = getattr(scene.mechanics, setting)
         if model != "correspondence" and given != type(scene.mechanics).model_fields[setting].default:
@@ -388,6 +397,7 @@ def _check_node_sets(scene: "Scene") -> None:
         places += [(f"hydrogen.boundary.{k}.on", item.on) for k, item in enumerate(scene.hydrogen.boundary)]
         places += _region_places(scene.hydrogen.regions, "hydrogen.regions")
     places += [(f"mechanics.axes.{k}.on", item.on) for k, item in enumerate(scene.mechanics.axes or ())]
+    places += _region_places(scene.mechanics.regions, "mechanics.regions")
     if scene.damage is not None:
         places += [(f"damage.no_fail.{k}", name) for k, name in enumerate(scene.damage.no_fail)]
         for k, name in enumerate(scene.damage.no_fail):
@@ -402,7 +412,9 @@ def _check_node_sets(scene: "Scene") -> None:
             raise problem("is not a node set", hint, key)
 
 
-def _region_places(regions: "Sequence[ToughnessOn | DiffusivityOn] | None", key: str) -> list[tuple[str, str]]:
+def _region_places(
+    regions: "Sequence[ToughnessOn | DiffusivityOn | StiffnessOn] | None", key: str
+) -> list[tuple[str, str]]:
     """Node sets with a value of their own, and where they are named; none of them twice."""
     if regions is not None and not regions:
         raise problem("is an empty list", "add an entry, or leave `regions` out", key)

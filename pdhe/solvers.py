@@ -43,6 +43,9 @@ INDEFINITE = (
 )
 #: A residual that has grown by this factor over the least one will not fall again.
 STAGNATION = 1e6
+#: Growth of a residual over the least one from which a solve starts again from where it is, with forces computed anew,
+#: and how often; only where Young's modulus differs by place.
+RESTART, MOST_RESTARTS = 10.0, 20
 #: Relative residual below which only round-off keeps the iterations from going on.
 ROUND_OFF = 1e-9
 
@@ -186,7 +189,8 @@ class Equilibrium:
         Prescribed degrees of freedom, bool (n, 2).
     tolerance
         Norm of the residual over the free degrees of freedom, relative to that of the forces at the prescribed ones;
-        the largest such norm of the run counts, so that a plate that has come apart still has a scale.
+        the largest such norm of the run counts, so that a plate that has come apart still has a scale. Where Young's
+        modulus differs by place, the residual of each node counts as often as its bonds are softer than the stiffest.
     """
 
     def __init__(
@@ -203,6 +207,10 @@ class Equilibrium:
         self._held_rows = np.nonzero(fixed)
         self.tolerance, self.max_iterations = tolerance, max_iterations
         self.reference = 0.0
+        softness = body.softness()
+        # Forces within a soft part are small beside those of a stiff one, and its residual has to be as small.
+        self._weights = None if softness is None else softness[:, None]
+        self._contrast = 1.0 if softness is None else float(softness.max(initial=1.0))
         self.work = Work()
         self._preconditioner: Preconditioner | None = None
         self._baseline, self._excess = max_iterations, 0
@@ -248,7 +256,7 @@ class Equilibrium:
         force = self._force(u)
         self.work.equilibrium_solves += 1
         residual = force * self.free
-        norm = np.sqrt(dot(residual, residual))
+        norm = self._norm(residual)
         # A plate in pieces needs no force at all: the reference is never less than a small share of a first guess'.
         self.reference = max(self.reference, self._least_reference(force))
         if norm <= self.tolerance * self._scale(force):
@@ -256,10 +264,16 @@ class Equilibrium:
             return u, force
         if self._preconditioner is None:
             self._build()
-        iterations, direction, rz, best = 0, np.zeros_like(u), 1.0, np.inf
+        iterations, direction, rz, best, restarts = 0, np.zeros_like(u), 1.0, np.inf, 0
         while norm > self.tolerance * self._scale(force):
             if iterations == self.max_iterations or not np.isfinite(norm):
                 self._fail(residual, norm, self._scale(force), iterations)
+            if self._weights is not None and norm > RESTART * best and restarts < MOST_RESTARTS:
+                # Round-off of a first guess in a stiff part, a million times the forces looked for, has summed up.
+                force = self._force(u)
+                residual, best, restarts = force * self.free, np.inf, restarts + 1
+                norm = self._norm(residual)
+                direction[:] = 0.0
             z = self._preconditioner(residual)
             rz, previous = dot(residual, z), rz
             direction *= rz / previous
@@ -274,7 +288,7 @@ class Equilibrium:
             u += step * direction
             force += step * change
             residual = force * self.free
-            norm = np.sqrt(dot(residual, residual))
+            norm = self._norm(residual)
             iterations += 1
         self.work.equilibrium_iterations += iterations
         self.reference = self._scale(force)
@@ -295,8 +309,13 @@ class Equilibrium:
         """
         return max(self.reference, self._held(force))
 
+    def _norm(self, residual: np.ndarray) -> float:
+        scaled = residual if self._weights is None else residual * self._weights
+        return float(np.sqrt(dot(scaled, scaled)))
+
     def _least_reference(self, guess: np.ndarray) -> float:
-        share = max(LEAST_REFERENCE, REACHABLE / self.tolerance)
+        # Where a stiff part is moved against a soft one, the guess exceeds equilibrium by their ratio too.
+        share = max(LEAST_REFERENCE / self._contrast, REACHABLE / self.tolerance)
         return min(share, 1.0) * self._held(guess)
 
     def _held(self, force: np.ndarray) -> float:

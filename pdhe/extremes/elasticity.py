@@ -290,7 +290,49 @@ def lattice_rows(degrees: float) -> list[Row]:
     ]  # fmt: skip
 
 
+def contrast_rows(factor: float) -> list[Row]:
+    """A bar whose right half has another Young's modulus: the force of two springs in a row, and where they meet."""
+    found = []
+    for columns in (20, 40):
+        done = contrast_bar([{"on": "far_half", "factor": factor}], columns)
+        geometry = done.case.scene.geometry
+        force = YOUNG * geometry.height * geometry.thickness * STRAIN / (0.5 * (1.0 + 1.0 / factor))
+        x, u = done.case.discretization.coordinates[:, 0], done.last("displacement")[:, 0]
+        joint = float(u[np.abs(x - 0.5 * geometry.width) < 0.6 * SPACING].mean()) / (STRAIN * geometry.width)
+        found.append((abs(done.last("reaction_right_x") / force - 1.0), abs(joint - 1.0 / (1.0 + 1.0 / factor))))
+    (coarse, joint_coarse), (fine, joint_fine) = found
+    iterations = done.case.equilibrium.work.equilibrium_iterations
+    return [
+        *promises(done),
+        Row("error of the force, 40 cells", 0.04, fine, kind="at most", reason="springs in a row; a plain bar 2.6 %"),
+        Row("error of the force over that of 20 cells", 0.52, fine / coarse, kind="at most", reason="first order"),
+        Row("error of the displacement between the halves, 40 cells", 0.03, joint_fine, kind="at most",
+            reason="over the elongation; the border is as sharp as the horizon"),
+        Row("the same over that of 20 cells", 0.52, joint_fine / joint_coarse, kind="at most", reason="first order"),
+        Row("iterations", 120, iterations, kind="at most", reason="of two equilibria; some 40 each at 1e6"),
+    ]  # fmt: skip
+
+
+def contrast_bar(regions: list[dict[str, Any]], columns: int = 20) -> Run:
+    """A bar of eight rows pulled along x, with Young's moduli by node set."""
+    width, height = columns * SPACING, 8 * SPACING
+    return run(
+        {
+            "geometry.plate.width": width,
+            "geometry.plate.height": height,
+            "material.poissons_ratio": 0.0,
+            "regions": [{"name": "far_half", "from": [0.5 * width, 0.0], "to": [width, height]}],
+            "mechanics.regions": regions,
+            "loads": [
+                {"on": "right", "displacement": {"x": history(1.0, 0.0, STRAIN * width)}},
+                {"on": "left", "displacement": {"x": history(1.0, 0.0)}},
+            ],
+        }
+    )
+
+
 RATIOS = (-0.9, -0.5, 0.0, 0.29, 1 / 3, 0.4, 0.45, 0.49)
+CONTRASTS = (1e-6, 1e-3, 1e3, 1e6)
 CASES = [
     Extreme("Poisson's ratio", "-0.95", partial(pulled_plate, -0.95), refused="material.poissons_ratio"),
     *(Extreme("Poisson's ratio", f"{nu:.3g}", partial(poisson_rows, nu)) for nu in RATIOS),
@@ -322,6 +364,12 @@ CASES = [
     *(
         Extreme("Young's modulus", f"{young:.0e} Pa", partial(young_rows, young))
         for young in (1e3, 1e5, 1e7, 1e9, 1e11, 1e13)
+    ),
+    *(Extreme("contrast of Young's moduli", f"{factor:g}", partial(contrast_rows, factor)) for factor in CONTRASTS),
+    Extreme(
+        "contrast of Young's moduli", "1e8",
+        partial(contrast_bar, [{"on": "left", "factor": 1e-4}, {"on": "far_half", "factor": 1e4}]),
+        refused="mechanics.regions",
     ),
     *(
         Extreme("scaled units", text, partial(scaled_rows, **factors))

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from pdhe.extremes.outcome import Extreme
-from pdhe.extremes.scenes import SPACING, Run, promises, pulled, run, wet
+from pdhe.extremes.scenes import SPACING, Run, history, promises, pulled, run, wet
+from pdhe.verification.plates import THICKNESS
 from pdhe.verification.report import Row
 from pdhe.verification.slabs import DIFFUSIVITY, slab_mean
 from pdhe.verification.time_step import rate_matrix
@@ -159,6 +160,33 @@ def idle_rows(end: float) -> list[Row]:
     ]
 
 
+def layer_rows(factor: float) -> list[Row]:
+    """The steady flux through two layers, one of another diffusivity: that of resistances in a row."""
+    width, height = 40 * SPACING, HIGH * SPACING
+    slow = min(1.0, factor) * DIFFUSIVITY
+    done = run(
+        {
+            "geometry.plate.width": width,
+            "geometry.plate.height": height,
+            "regions": [{"name": "far_half", "from": [0.5 * width, 0.0], "to": [width, height]}],
+            "hydrogen": {
+                "boundary": [{"on": on, "coverage": history(1.0, c)} for on, c in (("left", 1.0), ("right", 0.0))],
+                "regions": [{"on": "far_half", "factor": factor}],
+            },
+            "time": {"end": 2.0 * width**2 / slow},
+            "outputs": {"count": 1},
+        }
+    )
+    # At the edge of the slower layer, whose coverages differ; those of the faster one hardly do.
+    edge, outside = ("left", 1.0) if factor > 1.0 else ("right", 0.0)
+    diffusion, psi = done.case.diffusion, done.last("coverage")
+    flow = float((diffusion.exchange[edge] * np.abs(outside - psi) * diffusion.volume).sum()) / (height * THICKNESS)
+    error = abs(flow / (DIFFUSIVITY / (0.5 * width * (1.0 + 1.0 / factor))) - 1.0)
+    # The border is as sharp as the horizon: 0.8 % (tests/invariants); steps allow 1e-4 of a coverage, 0.5 % of it.
+    reason = "resistances in a row; border as sharp as the horizon, steps of finite accuracy"
+    return [*promises(done), Row("error of the steady flux", 0.015, error, kind="at most", reason=reason)]
+
+
 WAYS = {"fixed": "fixed steps", "two stages": "steps up to failures", "many stages": "steps of many stages"}
 SHARES = (0.1, 0.98, 1.02, 10.0, 1e3, 1e6)
 CASES = [
@@ -169,6 +197,10 @@ CASES = [
     *(
         Extreme("diffusivity, one year", f"{value:.0e} m²/s", partial(same_time_rows, value))
         for value in (1e-16, 1e-13, 1e-10, 1e-7, 1e-5, 1e-3)
+    ),
+    *(
+        Extreme("contrast of diffusivities", f"{factor:g}", partial(layer_rows, factor))
+        for factor in (1e-6, 1e-3, 1e3, 1e6)
     ),
     *(
         Extreme(

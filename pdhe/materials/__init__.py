@@ -37,8 +37,17 @@ MODELS: dict[str, type[Model]] = {
 
 
 def make_body(
-    bonds: Bonds, model: Model, coordinates: np.ndarray, volume: np.ndarray, precision: type = np.float64
+    bonds: Bonds,
+    model: Model,
+    coordinates: np.ndarray,
+    volume: np.ndarray,
+    precision: type = np.float64,
+    relative: np.ndarray | None = None,
 ) -> Body:
-    """Put bonds and a model together: the body of the model's own kind; arguments as for :class:`Body`."""
+    """Put bonds and a model together: the body of the model's own kind; arguments as for :class:`Body`.
+
+    Only :class:`BondBody` can be given ``relative``.
+    """
     kind = model.body if bonds.dimension == 2 else model.solid_body
-    return kind(bonds, model, coordinates, volume, precision)
+    own = () if relative is None else (relative,)
+    return kind(bonds, model, coordinates, volume, precision, *own)

@@ -80,6 +80,9 @@ class Body(ABC):
     precision
         In which the weights of the bonds are stored. Both directions of a bond are rounded alike: with single precision
         forces still cancel to the last digit of a double, and the stiffness of each bond is off by at most 6e-8.
+    relative
+        Stiffness of each directed bond over that in the material of ``model``, (b,), alike in both directions; None
+        where all bonds are of that material.
 
     Attributes
     ----------
@@ -90,7 +93,7 @@ class Body(ABC):
     broken_weight
         Sum of ``beta lambda V_i V_j r`` over the broken bonds, each once, m^7, times their fineness if that differs.
     cubed
-        ``beta lambda V_i V_j / r^3`` of each directed bond, m^3 (b,); zero where it is broken.
+        ``beta lambda V_i V_j / r^3`` of each directed bond, m^3 (b,), times ``relative``; zero where it is broken.
     normal
         Micromodulus that the energy of a bond is made a stretch with, N/m^6.
     sees_images
@@ -106,8 +109,9 @@ class Body(ABC):
         coordinates: np.ndarray,
         volume: np.ndarray,
         precision: type = np.float64,
+        relative: np.ndarray | None = None,
     ) -> None:
-        self.bonds, self.model, self.volume = bonds, model, volume
+        self.bonds, self.model, self.volume, self.relative = bonds, model, volume, relative
         self.coordinates = as_float(coordinates, (bonds.node_count, np.shape(coordinates)[-1]))
         # As far as neighbours go: behind the nodes of the body, those images of nodes that they are bonded to.
         images = bonds.images
@@ -118,7 +122,10 @@ class Body(ABC):
         self.intact = ~bonds.cut
         self.broken: list[np.ndarray] = []
         self._found_open: tuple[np.ndarray | None, np.ndarray | None, int] = (None, None, -1)
-        self.cubed = np.where(self.intact, bonds.weight / bonds.length**3, 0.0).astype(precision, copy=False)
+        cubed = np.where(self.intact, bonds.weight / bonds.length**3, 0.0)
+        if relative is not None:
+            cubed *= relative
+        self.cubed = cubed.astype(precision, copy=False)
         self._phi = np.zeros(bonds.node_count)
         self._count_broken(np.arange(bonds.node_count, dtype=np.int32))
         self.broken_weight = self._weight_of(np.flatnonzero(bonds.cut))
@@ -127,6 +134,18 @@ class Body(ABC):
     def can_be_indefinite(self) -> bool:
         """Whether some deformation might release energy, with these constants."""
         return False
+
+    def softness(self) -> np.ndarray | None:
+        """Stiffest bond of all over the stiffest of each node, 1 or more (n,), broken or not; None where all are alike.
+
+        Only that of the material counts, not the length of a bond or its weight.
+        """
+        if self.relative is None:
+            return None
+        offsets, own = self.bonds.offsets, np.ones(self.bonds.node_count)
+        some = np.diff(offsets) > 0
+        own[some] = np.maximum.reduceat(self.relative, offsets[:-1][some]) / self.relative.max()
+        return 1.0 / own
 
     def unsupported(self) -> np.ndarray:
         """Nodes with bonds that this model can make nothing of, (k,)."""

@@ -27,8 +27,9 @@ class BondBody(Body):
         coordinates: np.ndarray,
         volume: np.ndarray,
         precision: type = np.float64,
+        relative: np.ndarray | None = None,
     ) -> None:
-        super().__init__(bonds, model, coordinates, volume, precision)
+        super().__init__(bonds, model, coordinates, volume, precision, relative)
         n, count = bonds.node_count, len(self._x)
         self._by_offset = None if bonds.lattice is None else bonds.lattice.arrange(self.cubed, bonds.owners())
         self._padding = None if bonds.lattice is None else bonds.lattice.padding
@@ -238,7 +239,8 @@ class BondBody(Body):
             stretch, angle_i, angle_j = parts
             return stretch**2 + ratio * 0.5 * (share_i * angle_i**2 + share_j * angle_j**2)
 
-        return Measure(self.normal * b.weight[bond] * b.length[bond], square)
+        stiffness = self.normal * b.weight[bond] * b.length[bond]
+        return Measure(stiffness if self.relative is None else stiffness * self.relative[bond], square)
 
     def stiffness_rows(self) -> np.ndarray:
         """Gershgorin's bound with the node rotations held, N/m (n, 2).

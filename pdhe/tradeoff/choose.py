@@ -98,6 +98,9 @@ def choose(path: str | Path, progress: Progress | None = None) -> Choice:
     if scene.stepping.mode == "dynamic":
         text = "cannot be promised with inertia, for which no order of the errors has been measured"
         raise SceneError(file, "accuracy", accuracy, text, "give `mesh.spacing` or a `fidelity` instead")
+    if scene.mechanics.regions:
+        text = "cannot be promised where Young's modulus differs by place: no order of the errors has been measured"
+        raise SceneError(file, "accuracy", accuracy, text, "give `mesh.spacing` or a `fidelity` instead")
     if not has_limit(scene):
         text = "cannot be promised: where fresh crack faces are saturated, cracks grow the faster the finer the mesh"
         raise SceneError(file, "accuracy", accuracy, text, "give `mesh.spacing` or a `fidelity` instead")
@@ -142,9 +145,9 @@ def estimate(scene: Scene, progress: Progress | None = None) -> dict[str, float]
 def has_limit(scene: Scene) -> bool:
     """Tell whether the answer of a scene settles as the mesh is refined, at an order that has been measured.
 
-    Not where fresh crack faces are saturated, and not known with inertia.
+    Not where fresh crack faces are saturated, and not known with inertia or where Young's modulus differs by place.
     """
-    if scene.stepping.mode == "dynamic":
+    if scene.stepping.mode == "dynamic" or scene.mechanics.regions:
         return False
     return scene.damage is None or scene.hydrogen is None or scene.hydrogen.saturation is None
 
