@@ -94,7 +94,7 @@ def test_a_bar_yields_and_unloads_by_its_closed_form(library, name):
         stresses.append(drive(points, strain, free=(1, 2, 3, 4, 5))[0, 1])
         totals.append(points.state[0, 0])
     stress, total = uniaxial_stress(PATH)
-    # Measured 3e-15; Newton's method leaves up to 1e-12 across.
+    # Measured 2e-15; Newton's method leaves up to 1e-12 across.
     np.testing.assert_allclose(np.array(stresses)[:, 0], stress, rtol=1e-11)
     np.testing.assert_allclose(totals, total, rtol=1e-11, atol=1e-17)
     assert np.abs(np.array(stresses)[:, 1:]).max() < 1e-11 * YIELD
@@ -106,11 +106,11 @@ def test_every_node_of_a_stretched_plate_has_the_closed_form(library, name):
     for strain, along, across, total in zip(PATH, *uniaxial_strain(PATH), strict=True):
         stress = body.stress(np.column_stack([strain * x[:, 0], np.zeros(len(x))]))
         body.points.commit()
-        # Measured 4e-12: gradients carry the round-off of positions over distances, gathered in the history.
-        np.testing.assert_allclose(stress[:, 0, 0], along, rtol=1e-10)
-        np.testing.assert_allclose(stress[:, 1, 1], across, rtol=1e-10)
-        np.testing.assert_allclose(body.points.stress[:, 2], across, rtol=1e-10)
-        np.testing.assert_allclose(body.points.state[:, 0], total, rtol=1e-10, atol=1e-15)
+        # Measured 3e-15: gradients carry the round-off of positions over distances, gathered in the history.
+        np.testing.assert_allclose(stress[:, 0, 0], along, rtol=1e-12)
+        np.testing.assert_allclose(stress[:, 1, 1], across, rtol=1e-12)
+        np.testing.assert_allclose(body.points.stress[:, 2], across, rtol=1e-12)
+        np.testing.assert_allclose(body.points.state[:, 0], total, rtol=1e-12, atol=1e-15)
 
 
 @pytest.mark.parametrize("plane", ["strain", "stress"])
@@ -145,8 +145,8 @@ def test_an_elastic_equilibrium_is_that_of_the_linear_solver(library):
     u, _ = Increments(body, fixed, spacing, 1e-11).step(np.zeros_like(x), stretched(x, right, 1e-3))
     linear = Equilibrium(reference, fixed, x, spacing, 1e-11, 500)
     expected, _ = linear.solve(np.zeros_like(x), stretched(x, right, 1e-3))
-    # Measured 6e-12 of the largest displacement, at residuals of 1e-11.
-    np.testing.assert_allclose(u, expected, rtol=0.0, atol=1e-9 * np.abs(expected).max())
+    # Measured 2e-13 of the largest displacement.
+    np.testing.assert_allclose(u, expected, rtol=0.0, atol=1e-11 * np.abs(expected).max())
 
 
 def test_a_plastic_equilibrium_balances_and_its_history_advances_once_a_step(library):
@@ -160,14 +160,14 @@ def test_a_plastic_equilibrium_balances_and_its_history_advances_once_a_step(lib
         assert body.points.increments == number
         assert (body.points.state >= plastic).all()
         assert increments.residuals[-1] < 1e-8
-        # Quadratic: 0.2, 2e-3, 2e-7, 1e-11 measured.
+        # Quadratic: 0.3, 2e-3, 1e-7, 1e-11 measured in the last increment.
         assert len(increments.residuals) <= 5
         assert np.abs(force.sum(axis=0)).max() < 1e-9 * np.abs(force).sum()
         work -= 0.5 * np.sum((force + before) * (u - old))
         before = force
     assert body.points.state.min() == 0.0 or body.points.state.max() > 1e-2
-    # All that the supports did went into plastic work, but for the trapezia of five large steps (5 % measured).
-    assert work == pytest.approx(body.energy(u).sum() + np.sum(body.volume * body.points.energy[:, 1]), rel=0.2)
+    # All that the supports did went into plastic work, but for the trapezia of five large steps (6 % measured).
+    assert work == pytest.approx(body.energy(u).sum() + np.sum(body.volume * body.points.energy[:, 1]), rel=0.1)
 
 
 def test_a_step_without_equilibrium_leaves_the_history(library):
@@ -233,8 +233,8 @@ def test_the_tangent_of_j2_is_the_derivative_of_its_stress(library):
     stress(strain)
     tangent, h = points.tangent[0].copy(), 1e-8
     found = np.column_stack([(stress(strain + h * e) - stress(strain - h * e)) / (2 * h) for e in np.eye(6)])
-    # Measured 1e-8: cancellation.
-    np.testing.assert_allclose(found, tangent, rtol=0.0, atol=1e-6 * np.abs(tangent).max())
+    # Measured 3e-11: cancellation.
+    np.testing.assert_allclose(found, tangent, rtol=0.0, atol=1e-9 * np.abs(tangent).max())
 
 
 def test_it_is_told_where_and_when_it_is(library):
