@@ -44,6 +44,8 @@ _SMALLER = (
     "`pdhe plan SCENE` tells what a run needs: take a coarser `mesh.spacing`, fewer `outputs` or a machine with more "
     "memory, or run fewer jobs at a time, and give the same command again; a solve goes on from its last checkpoint"
 )
+#: What the loader of shared libraries says of one for which there is no memory.
+_NOT_MAPPED = "failed to map segment"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -70,6 +72,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _tell(f"error: {_explained(error)}", 1)
     except MemoryError as error:
         return _tell(f"error: out of memory{f' ({error})' if str(error) else ''}; {_SMALLER}", 1)
+    except ImportError as error:
+        # Modules are loaded when they are needed, and that may be when memory is short.
+        if _NOT_MAPPED not in str(error):
+            raise
+        return _tell(f"error: out of memory ({error}); {_SMALLER}", 1)
     except KeyboardInterrupt as stop:
         return _tell(str(stop) or "interrupted", getattr(stop, "status", 130))
     return 0

@@ -163,8 +163,9 @@ def _gmsh_session() -> Iterator[Any]:
         except PdheError:
             raise
         except Exception as error:  # gmsh raises bare Exception
+            reason = str(error) or "it gives no reason, as where memory runs out"
             raise PdheError(
-                f"gmsh could not mesh the plate: {error}; check holes and cracks, or the spacing"
+                f"gmsh could not mesh the plate: {reason}; check holes and cracks, or the spacing"
             ) from error
         finally:
             gmsh.finalize()

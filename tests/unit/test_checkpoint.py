@@ -380,6 +380,20 @@ def test_writing_takes_a_small_share_of_the_time(tmp_path, monkeypatch):
     assert sum(costs[:-1]) <= checkpoint.SHARE * clock[0]
 
 
+def test_a_clock_that_jumps_changes_nothing(tmp_path, monkeypatch):
+    """The time of day decides on nothing: neither on checkpoints nor on results."""
+    scene, nodes = problem("smoke", COARSE)
+    solve_case(scene, nodes, tmp_path / "run.nc")
+    (tmp_path / "run.nc").rename(tmp_path / "whole.nc")
+    jumps = random.Random(0)
+    monkeypatch.setattr(time, "time", lambda: 1.7e9 + jumps.uniform(-1e9, 1e9))
+    written = []
+    monkeypatch.setattr(Keeper, "write", lambda self, run: written.append(run))
+    solve_case(scene, nodes, tmp_path / "run.nc")
+    assert not written  # a run of a second, checkpoints twice a minute
+    assert_same(tmp_path / "whole.nc", tmp_path / "run.nc")
+
+
 @pytest.mark.parametrize("text", ["soon", "-1", "nan", "inf"])
 def test_a_cadence_that_makes_no_sense_is_refused(text, tmp_path, monkeypatch):
     monkeypatch.setenv(CADENCE, text)

@@ -278,6 +278,38 @@ def test_no_memory_is_told(made, tmp_path, capsys, monkeypatch):
     assert "`pdhe plan SCENE` tells what a run needs" in told and not list(tmp_path.iterdir())
 
 
+#: Runs a scene, then a larger one with so many more bytes of address space than the process holds after the first.
+SHORT_OF_MEMORY = """
+import re, resource, sys
+from pathlib import Path
+from pdhe import cli
+scene, folder, room = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3])
+assert cli.main(["run", scene, "--out", str(folder / "first.nc")]) == 0
+held = 1024 * int(re.search(r"VmSize:\\s+(\\d+)", Path("/proc/self/status").read_text())[1])
+resource.setrlimit(resource.RLIMIT_AS, (held + room, held + room))
+sys.exit(cli.main(["run", str(folder / "scene.yaml"), "--out", str(folder / "out" / "second.nc")]))
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs the size of a process from /proc")
+@pytest.mark.parametrize("room", [60, *(pytest.param(room, marks=pytest.mark.slow) for room in range(10, 250, 15))])
+def test_a_limit_of_memory_is_told_and_leaves_nothing(room, tmp_path):
+    source = ROOT / "config/scenes/elastic.yaml"
+    larger = (
+        source.read_text()
+        .replace("2.5 mm", "0.4 mm")
+        .replace("AISI 4340", str(ROOT / "config/materials/aisi-4340.yaml"))
+    )
+    (tmp_path / "scene.yaml").write_text(larger)
+    (tmp_path / "out").mkdir()
+    words = [sys.executable, "-c", SHORT_OF_MEMORY, str(source), str(tmp_path), str(room * 1_000_000)]
+    done = subprocess.run(words, capture_output=True, text=True, cwd=ROOT, check=False)
+    errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    assert done.returncode == 1 and len(errors) == 1 and "Traceback" not in done.stderr, done.stderr
+    assert "memory" in errors[0]
+    assert not [path for path in (tmp_path / "out").iterdir() if path.suffix != ".msh"]
+
+
 def test_damaged_reports_are_named(tmp_path, capsys):
     (tmp_path / "report.json").write_text('{"topic": ')
     assert cli.main(["verdict", str(tmp_path), "--out", str(tmp_path / "passed.txt")]) == 1
