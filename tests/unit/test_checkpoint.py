@@ -546,12 +546,14 @@ def test_nothing_that_has_a_history_is_forgotten(tmp_path):
     scene, nodes = problem("smoke", COARSE)
     solver, body = (case := build_case(scene, nodes)).equilibrium, case.body
     given = {"body", "fixed", "coordinates", "spacing", "free", "_held_rows", "tolerance", "max_iterations"}
+    given |= {"_weights", "_contrast"}
     assert vars(solver).keys() - given == {
         "reference", "work", "_preconditioner", "_baseline", "_excess", "_built_after",
     }  # fmt: skip
     follows_from_broken = {"intact", "cubed", "_by_offset", "share", "inverse", "_spin", "_phi", "broken_weight"}
-    follows_from_broken |= {"_share", "_grid_share", "_grid_inverse"}
+    follows_from_broken |= {"_share", "_grid_share", "_grid_inverse", "_found_open"}
     given = {"bonds", "model", "volume", "coordinates", "normal", "tangential", "_x", "_volumes", "_moved", "_padding"}
+    given |= {"relative"}
     assert vars(body).keys() - given - follows_from_broken == {"broken"}
     stepper = SuperStepper(case.diffusion, np.zeros(nodes.volume.size, bool), np.zeros(nodes.volume.size))
     given = {"diffusion", "held", "source", "short", "shortest", "longest"}
