@@ -16,9 +16,6 @@ from pdhe.strides import first_crossing, share_until_failure, stepper_of, stride
 from pdhe.supersteps import SHORTEST
 from pdhe.transport import STEP_SAFETY, DiffusionStep
 
-#: Bonds this close to the most critical one break with it. Mirror-image bonds differ by the solver's tolerance only;
-#: the margin keeps a symmetric scene symmetric, and moves a failure by less than this in resistance.
-TOGETHER = 1e-4
 #: How far below 1 a ratio counts as critical all the same. The instant of a failure is a double: loads at it may come
 #: out smaller by round-off (found 2e-16) than in the search for it. A bond that then held would be found for ever.
 ROUND_OFF = 1e-9
@@ -242,10 +239,11 @@ def fail_until_stable(
 ) -> None:
     """Break critical bonds and restore equilibrium, round after round at a fixed time, until no bond is critical.
 
-    In a round every critical bond breaks whose load over resistance is within ``grouping`` of the largest. After each,
-    ``between`` is called.
+    In a round every critical bond breaks whose load over resistance is within ``grouping`` of the largest; one short of
+    critical by no more than :attr:`FailureRule.together` counts. After each, ``between`` is called.
     """
-    grouping = case.scene.stepping.grouping or 0.0
+    together = case.rule.together
+    grouping = max(case.scene.stepping.grouping or 0.0, together)
     prescribed = case.conditions.values(state.time)
     while candidates.bond.size:
         ratio = candidates.ratio(fraction, state.coverage)
@@ -256,7 +254,7 @@ def fail_until_stable(
             k = int(np.flatnonzero(~np.isfinite(ratio))[0])
             i, j = int(candidates.i[k]), int(candidates.j[k])
             raise SimulationError(f"the load of the bond of nodes {i} and {j} is not finite", i)
-        chosen = ratio >= max(1.0 - TOGETHER, (1.0 - max(grouping, TOGETHER)) * worst)
+        chosen = ratio >= max(1.0 - together, (1.0 - grouping) * worst)
         break_bonds(case, state, candidates, chosen, fraction, recorder)
         state.displacement, state.force = case.equilibrium.solve(state.displacement, prescribed)
         saturate_broken(case, state)

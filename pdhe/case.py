@@ -9,7 +9,15 @@ import numpy as np
 from pdhe.blocks import node_values, stiffness_ratios, toughness_ratios
 from pdhe.bonds import Bonds, Families, Grading, build_bonds
 from pdhe.boundary import DisplacementConditions, Prescribed
-from pdhe.damage import CRITERIA, FailureRule, critical_stretch, crossing_sum, stretch_factors, stretch_squares
+from pdhe.damage import (
+    CRITERIA,
+    FailureRule,
+    critical_stretch,
+    crossing_sum,
+    stretch_factors,
+    stretch_squares,
+    together_at,
+)
 from pdhe.discretization import Discretization
 from pdhe.dynamics import Traction, Verlet
 from pdhe.embrittlement import LAWS, resistance
@@ -353,7 +361,9 @@ def _failure_rule(
         # A bond takes the same energy whatever its stiffness, and so breaks at another stretch.
         ratios = 1.0 / relative if ratios is None else ratios / relative
     factors = stretch_factors(bonds, ratios, criterion)
-    return FailureRule(critical, crossing, criterion.by_energy, weakened, may_fail, **factors)
+    # With inertia nothing is solved for, and a bond breaks when it has reached its resistance.
+    together = 0.0 if scene.stepping.mode == "dynamic" else together_at(scene.solver.tolerance)
+    return FailureRule(critical, crossing, criterion.by_energy, weakened, may_fail, together=together, **factors)
 
 
 def _diffusion(scene: Scene, d: Discretization, bonds: Families, partial: str) -> Diffusion:

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pdhe.advance import TOGETHER
 from pdhe.bonds import Grading
 from pdhe.case import build_case
-from pdhe.damage import critical_stretch, crossing_sum, stretch_factors
+from pdhe.damage import critical_stretch, crossing_sum, stretch_factors, together_at
 from pdhe.discretization import discretize
 from pdhe.mesh import make_mesh
 from pdhe.scene import Scene
@@ -38,8 +37,10 @@ SPACING = 1e-3
 STRAIN = 1e-3
 #: J/m^2; linear elasticity makes every ratio below independent of it.
 TOUGHNESS = 16476.0
-#: Bonds within this much of the most critical one break with it: the default of scenes.
+#: Bonds within this much of the most critical one break with it.
 GROUPING = 0.05
+#: Of the solver.
+TOLERANCE = 1e-5
 #: Cells of growth after which a crack counts as running. The means leave out the first horizon and a cell.
 RUN = 10
 #: Largest error of the mean fracture energy, by horizon ratio and criterion.
@@ -149,7 +150,8 @@ def follow(
     fixed[plate.top, 1] = fixed[plate.bottom, 1] = True
     prescribed = np.zeros(plate.coordinates.shape)
     prescribed[:, 1] = STRAIN * (plate.coordinates[:, 1] - middle)
-    solver = equilibrium(body, plate, fixed, 1e-5)
+    solver = equilibrium(body, plate, fixed, TOLERANCE)
+    together = together_at(TOLERANCE)
     bonds, owner = body.bonds, body.bonds.owners()
     centre = 0.5 * (plate.coordinates[owner] + plate.coordinates[bonds.neighbours])
     near = (np.abs(centre[:, 1] - middle) < 0.25 * plate.height) & (centre[:, 0] > notch - 2.0 * horizon)
@@ -167,7 +169,7 @@ def follow(
         load = body.bond_loads(u, by_energy) * (may_fail & body.intact) / tougher
         scale = critical / load.max()
         held = max(held, scale)
-        broken = np.flatnonzero(load * held / critical >= max(1.0 - TOGETHER, (1.0 - GROUPING) * held / scale))
+        broken = np.flatnonzero(load * held / critical >= max(1.0 - together, (1.0 - GROUPING) * held / scale))
         separation = float(stiffness[broken] @ body.bond_loads(u, True)[broken] ** 2)
         body.break_bonds(broken)
         tip = max([tip, *centre[broken[short[broken]], 0]])
@@ -210,6 +212,7 @@ def scene_run(ratio: float, columns: int, rows: int, notch: float) -> float:
             "damage": {"criterion": "energy", "no_fail": ["top", "bottom"]},
             "time": {"end": 1.0},
             "stepping": {"mode": "events", "grouping": GROUPING},
+            "solver": {"tolerance": TOLERANCE},
             "outputs": {"times": [1.0]},
         }
     )  # fmt: skip

@@ -1,5 +1,7 @@
 """The search for bonds that could fail, against looking at every bond; bonds that break at one energy."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -35,8 +37,10 @@ def test_candidates_are_the_bonds_whose_load_reaches_the_least_resistance(case, 
     loads = [every_bond(case, u, psi)[0] for u in (u0, u1)]
     held, moving = Candidates(case.body, case.rule, u0, u0), Candidates(case.body, case.rule, u0, u1)
     assert 0 < held.bond.size < np.count_nonzero(loads[0])
-    assert np.array_equal(held.bond, np.flatnonzero(loads[0] >= case.rule.weakest))
-    assert np.array_equal(moving.bond, np.flatnonzero(np.maximum(*loads) >= case.rule.weakest))
+    assert np.array_equal(held.bond, np.flatnonzero(loads[0] >= (1.0 - case.rule.together) * case.rule.weakest))
+    assert np.array_equal(
+        moving.bond, np.flatnonzero(np.maximum(*loads) >= (1.0 - case.rule.together) * case.rule.weakest)
+    )
     assert moving.load(1.0) == pytest.approx(loads[1][moving.bond], rel=1e-9, abs=1e-12)
 
 
@@ -113,3 +117,15 @@ def test_the_search_finds_bonds_by_their_own_resistance(fields):
     nodes = np.arange(len(psi), dtype=np.int32)
     found = critical_bonds(case.body, case.rule, u, psi, nodes, case.body.node_parts(u))[0]
     assert np.array_equal(np.sort(found), np.flatnonzero(ratio >= 1.0))
+
+
+@pytest.mark.parametrize("together", [0.0, 0.05])
+def test_bonds_a_margin_short_of_critical_are_found_as_well(together, case, fields):
+    u, _, psi = fields
+    rule = replace(case.rule, together=together)
+    u = u / nearest_failure(case.body, rule, u, psi)
+    load, resistance = every_bond(case, u, psi)
+    ratio = Candidates(case.body, rule, u, u, psi).ratio(0.0, psi)
+    # The scaling itself rounds: nothing else lies within 1e-9 of the largest.
+    assert np.sum(ratio >= 1.0 - together - 1e-9) == np.sum(load >= (1.0 - together - 1e-9) * resistance)
+    assert np.sum(ratio >= 1.0 - together - 1e-9) == 1 if together == 0.0 else ratio.size > 1
