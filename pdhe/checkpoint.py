@@ -173,7 +173,8 @@ class Keeper:
     def listening(self) -> Iterator[None]:
         """Meanwhile SIGTERM and SIGINT wait for the next safe point, a while; a second one does not.
 
-        One that comes after the last safe point lets the run write its result.
+        One that comes after the last safe point lets the run write its result. One that the process was started to
+        ignore, as in the background of a script, stays ignored.
         """
         if threading.current_thread() is not threading.main_thread():
             yield
@@ -186,8 +187,8 @@ class Keeper:
             self._signal = number
             signal.setitimer(signal.ITIMER_REAL, GRACE)
 
-        numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)
-        before = {number: signal.signal(number, stop) for number in numbers}
+        heard = [n for n in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(n) is not signal.SIG_IGN]
+        before = {number: signal.signal(number, stop) for number in (*heard, signal.SIGALRM)}
         try:
             yield
         finally:

@@ -84,7 +84,8 @@ def _wait(connection: socket.socket) -> bytes:
         with contextlib.suppress(OSError):
             connection.send(bytes([number]))
 
-    before = {number: signal.signal(number, forward) for number in (signal.SIGTERM, signal.SIGINT)}
+    heard = [n for n in (signal.SIGTERM, signal.SIGINT) if signal.getsignal(n) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, forward) for number in heard}
     try:
         return connection.recv(4)
     finally:

@@ -1,5 +1,7 @@
 """Options that add the tests which take minutes or a cluster; one thread for those that gain nothing from more."""
 
+import signal
+
 import pytest
 
 
@@ -26,3 +28,14 @@ def one_thread():
     numba.set_num_threads(1)
     yield
     numba.set_num_threads(before)
+
+
+@pytest.fixture(scope="module")
+def heeding_interrupts():
+    """SIGINT as a terminal's shell leaves it; a shell without one has what it runs in the background ignore it.
+
+    Commands respect that, and so do those that tests start.
+    """
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)

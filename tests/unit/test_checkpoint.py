@@ -34,6 +34,8 @@ from pdhe.state import State
 from pdhe.supersteps import SuperStepper
 from pdhe.transport import Diffusion, DiffusionStep
 
+pytestmark = pytest.mark.usefixtures("heeding_interrupts")
+
 COARSE = {"mesh.spacing": "10 mm"}
 #: A ramp that goes on while bonds break, round after round: preconditioners are built anew on the way.
 TORN = {
@@ -294,6 +296,18 @@ def test_a_signal_leaves_a_checkpoint_and_a_status(number, processes, tmp_path):
     process.join(60)
     assert process.exitcode == 128 + signal.SIGTERM
     assert job.out.with_name("run.nc.checkpoint").read_bytes() != first
+
+
+def test_an_interrupt_that_is_ignored_stays_ignored(tmp_path):
+    """As in the background of a script, where Ctrl-C is meant for what runs in front."""
+    heard = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with Keeper(tmp_path / "x", {}, print).listening():
+            assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+            os.kill(os.getpid(), signal.SIGINT)
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, heard)
 
 
 @pytest.fixture

@@ -25,6 +25,8 @@ from pdhe.results import Contents, open_result
 from pdhe.scene import load_scene
 from pdhe.simulation import solve_case
 
+pytestmark = pytest.mark.usefixtures("heeding_interrupts")
+
 ROOT = Path(__file__).parents[2]
 SMALL = {"mesh.spacing": "20 mm", "outputs.count": 4, "time.end": "4e6 s"}
 

@@ -13,6 +13,8 @@ import pytest
 
 from pdhe import warm
 
+pytestmark = pytest.mark.usefixtures("heeding_interrupts")
+
 ROOT = Path(__file__).parents[2]
 SPEC = {"geometry": {"plate": {"width": 0.04, "height": 0.02, "thickness": 0.001}}, "mesh": {"spacing": 0.005}}
 MESH = ["mesh", "--spec", json.dumps(SPEC), "--out"]
