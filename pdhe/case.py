@@ -22,7 +22,7 @@ from pdhe.discretization import Discretization
 from pdhe.dynamics import Traction, Verlet
 from pdhe.embrittlement import LAWS, resistance
 from pdhe.errors import SceneError
-from pdhe.materials import MODELS, Body, Model, make_body
+from pdhe.materials import MODELS, Body, BondLoad, Model, make_body
 from pdhe.materials.constants import Orthotropic
 from pdhe.mirrors import EDGE_AXIS, Symmetry
 from pdhe.scene import Scene
@@ -363,7 +363,8 @@ def _failure_rule(
     factors = stretch_factors(bonds, ratios, criterion)
     # With inertia nothing is solved for, and a bond breaks when it has reached its resistance.
     together = 0.0 if scene.stepping.mode == "dynamic" else together_at(scene.solver.tolerance)
-    return FailureRule(critical, crossing, criterion.by_energy, weakened, may_fail, together=together, **factors)
+    load = BondLoad(criterion.by_energy, settings.tension_only)
+    return FailureRule(critical, crossing, load, weakened, may_fail, together=together, **factors)
 
 
 def _diffusion(scene: Scene, d: Discretization, bonds: Families, partial: str) -> Diffusion:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pdhe.bonds import Bonds
-from pdhe.materials import Body, Model
+from pdhe.materials import Body, BondLoad, Model
 from pdhe.materials.body import load_of
 
 #: Directions of bonds in space are rounded to one over this where planes that they cross are compared.
@@ -174,8 +174,8 @@ class FailureRule:
         material. Of bonds of equal energy, that of one as long as the horizon.
     crossing
         What :func:`crossing_sum` gives for these bonds, m^5.
-    by_energy
-        Compare the bond's whole energy (as a stretch without shear) instead of its stretch alone.
+    load
+        What of a bond is compared with its critical stretch.
     resistance
         Function of the coverage giving the fraction of ``critical`` that is left; None without hydrogen.
     may_fail
@@ -193,7 +193,7 @@ class FailureRule:
 
     critical: float
     crossing: float
-    by_energy: bool
+    load: BondLoad
     resistance: Callable[[np.ndarray], np.ndarray] | None
     may_fail: np.ndarray
     factor: np.ndarray | None = None
@@ -234,9 +234,9 @@ class Candidates:
 
     A bond is in the list if its load at either end reaches the least resistance that saturation could leave it, or is
     short of it by no more than :attr:`FailureRule.together`. Under proportional loads a load only rises or falls in
-    between; otherwise it is convex there while the bond is stretched, if its energy is a sum of squares, so that no
-    other bond can fail (for the rest see limits: loads that are not proportional). With ``psi`` (n,), the coverage
-    stays as it is, and only bonds are listed that may be critical at it.
+    between; otherwise, if its energy is a sum of squares, it is convex there while the bond is stretched, or all the
+    way if shortened bonds have loads too, so that no other bond can fail (for the rest see limits: loads that are not
+    proportional). With ``psi`` (n,), the coverage stays as it is, and only bonds are listed that may be critical at it.
     """
 
     def __init__(
@@ -246,10 +246,10 @@ class Candidates:
         breakable = rule.may_fail & body.intact
         least = rule.least(rule.weakest if psi is None else rule.resistance_at(psi), body.bonds.node_count)
         least *= 1.0 - rule.together
-        top, nodes0 = body.largest_ratios(u0, rule.by_energy, breakable, least)
+        top, nodes0 = body.largest_ratios(u0, rule.load, breakable, least)
         nodes1 = None
         if u1 is not u0:
-            end, nodes1 = body.largest_ratios(u1, rule.by_energy, breakable, least)
+            end, nodes1 = body.largest_ratios(u1, rule.load, breakable, least)
             top = np.maximum(top, end)
         self.bond, self.i, self.j = _bonds_of(body.bonds, np.flatnonzero(top >= 1.0), breakable)
         self.measure = body.measure(self.bond, self.i)
@@ -273,7 +273,7 @@ class Candidates:
         """Load of each candidate at a fraction of the way from ``u0`` to ``u1``, (k,) (theory, eq. 5.2)."""
         if self._resting is not None:
             return self._resting
-        return load_of(self._parts(fraction), self.measure, self.rule.by_energy)
+        return load_of(self._parts(fraction), self.measure, self.rule.load)
 
     def energy(self, fraction: float) -> np.ndarray:
         """Elastic energy of each candidate, J (k,) (theory, eq. 2.1); that of one of all the bonds it stands for."""
@@ -299,13 +299,13 @@ def nearest_failure(body: Body, rule: FailureRule, u: np.ndarray, psi: np.ndarra
     """
     breakable = rule.may_fail & body.intact
     least = rule.least(rule.resistance_at(psi), body.bonds.node_count)
-    bound, parts = body.largest_ratios(u, rule.by_energy, breakable, least)
+    bound, parts = body.largest_ratios(u, rule.load, breakable, least)
     largest, top = 0.0, float(bound.max(initial=0.0))
     # The node with the highest bound first; then all whose bound exceeds what it has.
     for nodes in (np.flatnonzero(bound == top)[:1], np.flatnonzero(bound > 0.0)):
         bond, i, j = _bonds_of(body.bonds, nodes[bound[nodes] > largest], breakable)
         if bond.size:
-            load = load_of(body.bond_parts(u, bond, i, parts), body.measure(bond, i), rule.by_energy)
+            load = load_of(body.bond_parts(u, bond, i, parts), body.measure(bond, i), rule.load)
             critical = rule.resistance_at(None if psi is None else 0.5 * (psi[i] + psi[j]), bond)
             largest = max(largest, float((load / critical).max()))
     return largest
@@ -319,7 +319,7 @@ def critical_bonds(
     ``parts`` is what :meth:`Body.node_parts` gives for ``u``.
     """
     bond, i, j = _bonds_of(body.bonds, nodes, rule.may_fail & body.intact)
-    load = load_of(body.bond_parts(u, bond, i, parts), body.measure(bond, i), rule.by_energy)
+    load = load_of(body.bond_parts(u, bond, i, parts), body.measure(bond, i), rule.load)
     keep = load >= rule.resistance_at(None if psi is None else 0.5 * (psi[i] + psi[j]), bond)
     return bond[keep], i[keep], j[keep]
 

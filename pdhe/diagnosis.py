@@ -97,11 +97,11 @@ class Nearest:
 def nearest_to_failure(result: xr.Dataset, case: Case) -> Nearest | None:
     """Find the bond nearest to failure at the last output of a result, given its case (:func:`rebuild`).
 
-    Returns None where no bond that may break is stretched.
+    Returns None where no bond that may break is loaded.
     """
     body, rule = case.body, case.rule
     may = rule.may_fail & body.intact
-    load = np.where(may, body.bond_loads(result["displacement"].values[-1], rule.by_energy), 0.0)
+    load = np.where(may, body.bond_loads(result["displacement"].values[-1], rule.load), 0.0)
     owner, neighbour = case.bonds.owners(), case.bonds.far()
     psi = None
     if "coverage" in result:
@@ -231,11 +231,11 @@ def _failure(result: xr.Dataset, case: Case | None, problem: str) -> Iterator[st
         return
     near = nearest_to_failure(result, case)
     if near is None:
-        yield "at the last output no bond that may break is stretched"
+        yield "at the last output no bond that may break is loaded"
         return
     yield f"at the last output the bond nearest to failure carries {near.ratio:.4g} of its resistance:"
     yield f"  nodes {near.i} and {near.j}, about ({', '.join(f'{1e3 * place:.4g}' for place in near.middle)}) mm"
-    law = "stretch of the same energy" if case.rule.by_energy else "stretch"
+    law = "stretch of the same energy" if case.rule.load.by_energy else "stretch"
     yield f"  {law} {near.load:.4g}, critical {near.dry:.4g} dry" + (
         f", {near.resistance:.4g} at its coverage of {near.coverage:.4g}" if near.coverage is not None else ""
     )

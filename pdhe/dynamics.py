@@ -166,9 +166,7 @@ class Verlet:
         if self.rule is None:
             self.body.force(self.u, self.force)
         else:
-            self._square, self._parts = self.body.force_and_ratios(
-                self.u, self.rule.by_energy, self._weakness, self.force
-            )
+            self._square, self._parts = self.body.force_and_ratios(self.u, self.rule.load, self._weakness, self.force)
         self.work.force_sweeps += 1
         self._add_tractions(t)
 

@@ -86,7 +86,7 @@ def warnings(case: Case, pilot: Pilot | None = None) -> list[str]:
                     f"{damage:.3g} (median), which is not above `hydrogen.saturation.damage`, {threshold:g}: "
                     "lower that, or take another horizon"
                 )
-    if case.rule is not None and not case.rule.by_energy and scene.mechanics.model == "correspondence":
+    if case.rule is not None and not case.rule.load.by_energy and scene.mechanics.model == "correspondence":
         found.append(
             "under `damage.criterion: stretch` cracks in a correspondence model take twice the energy they should: "
             "use `energy`"
@@ -179,6 +179,7 @@ def _damage(case: Case) -> str:
         f"{rule.weakest:.6g} saturated"
         + (", of bonds as long as the horizon" if CRITERIA[case.scene.damage.criterion].equal_energy else "")
         + ("" if case.bonds.fineness is None else ", at the largest horizon")
+        + ("" if rule.load.tension_only else ", under compression too")
         + _varied(case)
     )
 

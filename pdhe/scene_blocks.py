@@ -441,9 +441,13 @@ class Interface(OwnToughness):
 
 
 class Damage(Block):
-    """When bonds break, the node sets whose bonds never do, and where they break at other values than elsewhere."""
+    """When bonds break, the node sets whose bonds never do, and where they break at other values than elsewhere.
+
+    With ``tension_only`` off, shortened bonds break like stretched ones.
+    """
 
     criterion: Annotated[str, choice("energy", "stretch", "energy density")] = "energy"
+    tension_only: fields.Switch = True
     calibration: Annotated[str, choice("discrete", "continuum")] = "discrete"
     no_fail: Annotated[tuple[fields.NodeSet, ...], BeforeValidator(fields.as_list)] = ()
     regions: Annotated[tuple[ToughnessOn, ...], BeforeValidator(fields.as_list)] | None = None

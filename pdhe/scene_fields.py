@@ -164,6 +164,13 @@ def _read_text(value: Any, info: ValidationInfo) -> str:
     return value
 
 
+def _read_switch(value: Any, info: ValidationInfo) -> bool:
+    if not isinstance(value, bool):
+        raise problem("must be on or off", "write `true` or `false`")
+    return value
+
+
+Switch = Annotated[bool, Reading(_read_switch, {"type": "boolean"})]
 Name = Annotated[str, Reading(_read_name, {"type": "string", "pattern": "^[A-Za-z][A-Za-z0-9_]{0,39}$"})]
 Text = Annotated[str, Reading(_read_text, {"type": "string", "minLength": 1})]
 NodeSet = Annotated[

@@ -20,7 +20,7 @@ from pdhe.benchmarks.timing import counted, in_turns, ratio, sample_table, secon
 from pdhe.bonds import build_bonds, partial_volume
 from pdhe.damage import Candidates, FailureRule, critical_stretch, crossing_sum
 from pdhe.embrittlement import LAWS, resistance
-from pdhe.materials import Body, ThesisSpring, make_body
+from pdhe.materials import BY_STRETCH, Body, ThesisSpring, make_body
 from pdhe.transport import Diffusion
 from pdhe.verification.drawing import COLOURS, label, panels
 from pdhe.verification.report import Report
@@ -88,7 +88,7 @@ def problem(columns: int, ratio_to_spacing: float, gather: bool) -> Problem:
     rule = FailureRule(
         critical_stretch(model, crossing, TOUGHNESS, "discrete"),
         crossing,
-        False,
+        BY_STRETCH,
         lambda psi: resistance(law, "stretch", psi),
         bonds.owners() < bonds.neighbours,
     )

@@ -173,7 +173,7 @@ def control_diagonal(offsets, neighbours, x, cubed, control, diagonal):
 
 @kernel
 def largest_ratio(
-    offsets, neighbours, x, control, state, turn, normal, by_energy, u, breakable, resistance, top
+    offsets, neighbours, x, control, state, turn, normal, by_energy, above, u, breakable, resistance, top
 ):  # fmt: skip
     """Write for each node the largest load of its breakable bonds over the lesser resistance of the bond's two ends.
 
@@ -190,8 +190,9 @@ def largest_ratio(
                 ey = u[j, 1] - u[i, 1]
                 square = dx * dx + dy * dy
                 load = (dx * ex + dy * ey) / square
-                if load <= 0.0:
+                if load <= above:
                     continue
+                load = abs(load)
                 if by_energy:
                     tx = state[i, 0] * dx + state[i, 1] * dy + control[i, 0] * ex + control[i, 1] * ey
                     ty = state[i, 2] * dx + state[i, 3] * dy + control[i, 1] * ex + control[i, 2] * ey

@@ -252,7 +252,7 @@ def _work(dx, dy, dz, ex, ey, ez, state, control, turn):
 
 @kernel
 def largest_ratio(
-    offsets, neighbours, x, control, state, turn, normal, by_energy, u, breakable, resistance, top
+    offsets, neighbours, x, control, state, turn, normal, by_energy, above, u, breakable, resistance, top
 ):  # fmt: skip
     """Write for each node the largest load of its breakable bonds over the lesser resistance of the bond's two ends."""
     for i in prange(offsets.size - 1):
@@ -268,8 +268,9 @@ def largest_ratio(
                 ez = u[j, 2] - u[i, 2]
                 square = dx * dx + dy * dy + dz * dz
                 load = (dx * ex + dy * ey + dz * ez) / square
-                if load <= 0.0:
+                if load <= above:
                     continue
+                load = abs(load)
                 if by_energy:
                     work = _work(dx, dy, dz, ex, ey, ez, state[i], control[i], turn[i])
                     work += _work(dx, dy, dz, ex, ey, ez, state[j], control[j], turn[j])

@@ -183,14 +183,14 @@ def elastic_energy(offsets, neighbours, x, cubed, share, normal, tangential, u, 
 
 
 @serial_kernel
-def _load(dx, dy, ex, ey, share_i, share_j, theta_i, theta_j, ratio, by_energy):
+def _load(dx, dy, ex, ey, share_i, share_j, theta_i, theta_j, ratio, by_energy, above):
     """Load of one bond, given its vector, its relative displacement, and what its two ends know."""
     square = dx * dx + dy * dy
     s = (dx * ex + dy * ey) / square
-    if s <= 0.0:
+    if s <= above:
         return 0.0
     if not by_energy:
-        return s
+        return abs(s)
     a = (dx * ey - dy * ex) / square
     gi = a - theta_i
     gj = a - theta_j
@@ -198,11 +198,11 @@ def _load(dx, dy, ex, ey, share_i, share_j, theta_i, theta_j, ratio, by_energy):
 
 
 @kernel
-def bond_load(offsets, neighbours, x, share, normal, tangential, by_energy, u, spin, load):
+def bond_load(offsets, neighbours, x, share, normal, tangential, by_energy, above, u, spin, load):
     """Write the load of each directed bond: what is compared with the critical stretch (theory, eq. 5.2).
 
-    That is the stretch, or with ``by_energy`` the stretch of a bond of the same energy without shear; bonds under
-    compression have load zero.
+    That is the size of the stretch, or with ``by_energy`` the stretch of a bond of the same energy without shear; bonds
+    whose stretch is not ``above`` a bound have load zero.
     """
     ratio = tangential / normal
     for i in prange(offsets.size - 1):
@@ -210,13 +210,13 @@ def bond_load(offsets, neighbours, x, share, normal, tangential, by_energy, u, s
             j = uint32(neighbours[k])
             load[k] = _load(
                 x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], u[j, 0] - u[i, 0], u[j, 1] - u[i, 1],
-                share[i], share[j], spin[i, 0], spin[j, 0], ratio, by_energy,
+                share[i], share[j], spin[i, 0], spin[j, 0], ratio, by_energy, above,
             )  # fmt: skip
 
 
 @kernel
 def largest_ratio(
-    offsets, neighbours, x, share, normal, tangential, by_energy, u, spin, breakable, resistance, top
+    offsets, neighbours, x, share, normal, tangential, by_energy, above, u, spin, breakable, resistance, top
 ):  # fmt: skip
     """Write for each node the largest load of its breakable bonds over the lesser resistance of the bond's two ends."""
     ratio = tangential / normal
@@ -227,7 +227,7 @@ def largest_ratio(
                 j = uint32(neighbours[k])
                 load = _load(
                     x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], u[j, 0] - u[i, 0], u[j, 1] - u[i, 1],
-                    share[i], share[j], spin[i, 0], spin[j, 0], ratio, by_energy,
+                    share[i], share[j], spin[i, 0], spin[j, 0], ratio, by_energy, above,
                 )  # fmt: skip
                 least = min(resistance[i], resistance[j])
                 if load > largest * least:

@@ -235,20 +235,20 @@ def _shear(dx, dy, dz, ex, ey, ez, tx, ty, tz):
 
 
 @serial_kernel
-def _load(dx, dy, dz, ex, ey, ez, share_i, share_j, theta_i, theta_j, ratio, by_energy):
+def _load(dx, dy, dz, ex, ey, ez, share_i, share_j, theta_i, theta_j, ratio, by_energy, above):
     """Load of one bond, given its vector, its relative displacement, and what its two ends know."""
     s = (dx * ex + dy * ey + dz * ez) / (dx * dx + dy * dy + dz * dz)
-    if s <= 0.0:
+    if s <= above:
         return 0.0
     if not by_energy:
-        return s
+        return abs(s)
     sheared = share_i * _shear(dx, dy, dz, ex, ey, ez, theta_i[0], theta_i[1], theta_i[2])
     sheared += share_j * _shear(dx, dy, dz, ex, ey, ez, theta_j[0], theta_j[1], theta_j[2])
     return math.sqrt(max(s * s + 0.5 * ratio * sheared, 0.0))
 
 
 @kernel
-def bond_load(offsets, neighbours, x, share, normal, tangential, by_energy, u, theta, load):
+def bond_load(offsets, neighbours, x, share, normal, tangential, by_energy, above, u, theta, load):
     """Write the load of each directed bond: what is compared with the critical stretch (theory, eq. 5.2)."""
     ratio = tangential / normal
     for i in prange(offsets.size - 1):
@@ -257,13 +257,13 @@ def bond_load(offsets, neighbours, x, share, normal, tangential, by_energy, u, t
             load[k] = _load(
                 x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2],
                 u[j, 0] - u[i, 0], u[j, 1] - u[i, 1], u[j, 2] - u[i, 2],
-                share[i], share[j], theta[i], theta[j], ratio, by_energy,
+                share[i], share[j], theta[i], theta[j], ratio, by_energy, above,
             )  # fmt: skip
 
 
 @kernel
 def largest_ratio(
-    offsets, neighbours, x, share, normal, tangential, by_energy, u, theta, breakable, resistance, top
+    offsets, neighbours, x, share, normal, tangential, by_energy, above, u, theta, breakable, resistance, top
 ):  # fmt: skip
     """Write for each node the largest load of its breakable bonds over the lesser resistance of the bond's two ends."""
     ratio = tangential / normal
@@ -275,7 +275,7 @@ def largest_ratio(
                 load = _load(
                     x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2],
                     u[j, 0] - u[i, 0], u[j, 1] - u[i, 1], u[j, 2] - u[i, 2],
-                    share[i], share[j], theta[i], theta[j], ratio, by_energy,
+                    share[i], share[j], theta[i], theta[j], ratio, by_energy, above,
                 )  # fmt: skip
                 least = min(resistance[i], resistance[j])
                 if load > largest * least:

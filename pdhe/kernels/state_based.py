@@ -101,17 +101,17 @@ def stiffness_rows(offsets, neighbours, x, cubed, spread, bound, rows):
 
 
 @serial_kernel
-def _load(square, stretch, force, normal, by_energy):
+def _load(square, stretch, force, normal, by_energy, above):
     """Load of one bond, given the square of its length, its stretch times that, and its force over its weight."""
-    if stretch <= 0.0:
+    if stretch <= above:
         return 0.0
     s = stretch / square
-    return math.sqrt(max(s * force / normal, 0.0)) if by_energy else s
+    return math.sqrt(max(s * force / normal, 0.0)) if by_energy else abs(s)
 
 
 @kernel
 def largest_ratio(
-    offsets, neighbours, x, spread, pressure, along, normal, by_energy, u, breakable, resistance, top
+    offsets, neighbours, x, spread, pressure, along, normal, by_energy, above, u, breakable, resistance, top
 ):  # fmt: skip
     """Write for each node the largest load of its breakable bonds over the lesser resistance of the bond's two ends."""
     dim = x.shape[1]
@@ -129,7 +129,7 @@ def largest_ratio(
                     square += dz * dz
                     stretch += dz * (u[j, 2] - u[i, 2])
                 force = pressure[i] + pressure[j] + along * (spread[i] + spread[j]) * stretch / square
-                load = _load(square, stretch, force, normal, by_energy)
+                load = _load(square, stretch, force, normal, by_energy, above)
                 least = min(resistance[i], resistance[j])
                 if load > largest * least:
                     largest = load / least

@@ -3,7 +3,8 @@
 The force sweeps are those of :mod:`pdhe.kernels.mechanics` and :mod:`pdhe.kernels.lattice`, with the same arguments,
 and write for every node beside the force the square of the largest load over resistance of its bonds. ``weakness`` is
 one over the square of the resistance of a node's bonds (n,), zero where none of them may break: of the two ends of a
-bond the greater counts, and none if either is zero. Shears count with ``by_energy`` (theory, eq. 5.2).
+bond the greater counts, and none if either is zero. Shears count with ``by_energy``, and only bonds
+whose stretch is ``above`` a bound (theory, eq. 5.2).
 
 Fields of the motion are flat: both components of all nodes in one array of 2 n numbers, in whatever order.
 """
@@ -22,7 +23,7 @@ BLOCK = 1024
 
 @kernel
 def lattice_force(
-    step, dx, dy, cubed, share, normal, tangential, ux, uy, theta, by_energy, weakness, fx, fy, square
+    step, dx, dy, cubed, share, normal, tangential, ux, uy, theta, by_energy, above, weakness, fx, fy, square
 ):  # fmt: skip
     """Write forces and squared loads over resistances of a regular lattice, in one go over the bonds."""
     n = ux.size
@@ -60,7 +61,7 @@ def lattice_force(
                 sx[k] += along * vx - across * vy
                 sy[k] += along * vy + across * vx
                 load = (s * s + shear * (h0 * b0 + h1 * b1)) * scale * max(q0[k], q1[k])
-                open_ = (s > 0.0) & (w[k] > 0.0) & (min(q0[k], q1[k]) > 0.0)
+                open_ = (s > above) & (w[k] > 0.0) & (min(q0[k], q1[k]) > 0.0)
                 t[k] = max(t[k], load if open_ else 0.0)
         for i in range(low, high):
             fx[i] = sum_x[i - low]
@@ -70,7 +71,7 @@ def lattice_force(
 
 @kernel
 def gather_force(
-    offsets, neighbours, x, cubed, share, normal, tangential, u, spin, by_energy, weakness, force, square
+    offsets, neighbours, x, cubed, share, normal, tangential, u, spin, by_energy, above, weakness, force, square
 ):  # fmt: skip
     """Write forces and squared loads over resistances, in one go over the bonds."""
     half = 0.5 * tangential
@@ -106,7 +107,7 @@ def gather_force(
             qj = weakness[j]
             load = (s * s + shear * (hi * bi + hj * bj)) * max(qi, qj)
             # Asked in this order the answer is nearly always no, which processors foresee.
-            if load > top * r2 * r2 and s > 0.0 and cubed[k] > 0.0 and min(qi, qj) > 0.0:
+            if load > top * r2 * r2 and s > above and cubed[k] > 0.0 and min(qi, qj) > 0.0:
                 top = load / (r2 * r2)
         force[i, 0] = fx
         force[i, 1] = fy

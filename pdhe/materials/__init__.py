@@ -5,15 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from pdhe.bonds import Bonds
-from pdhe.materials.body import Body, Measure, Model
+from pdhe.materials.body import BY_ENERGY, BY_STRETCH, Body, BondLoad, Measure, Model
 from pdhe.materials.bond import BondBody, CondensedRotation, OneParameter, ThesisSpring
 from pdhe.materials.correspondence import Correspondence, CorrespondenceBody
 from pdhe.materials.state_based import StateBased, StateBasedBody
 
 __all__ = [
+    "BY_ENERGY",
+    "BY_STRETCH",
     "MODELS",
     "Body",
     "BondBody",
+    "BondLoad",
     "CondensedRotation",
     "Correspondence",
     "CorrespondenceBody",

@@ -48,6 +48,31 @@ class Model:
 
 
 @dataclass(frozen=True)
+class BondLoad:
+    """What of a bond is compared with its critical stretch.
+
+    Attributes
+    ----------
+    by_energy
+        The stretch of a bond that has the same energy without shear, in place of the stretch.
+    tension_only
+        Bonds that are shortened have no load; otherwise they are loaded like stretched ones.
+    """
+
+    by_energy: bool
+    tension_only: bool = True
+
+    @property
+    def above(self) -> float:
+        """Bonds with this stretch and less have no load."""
+        return 0.0 if self.tension_only else -np.inf
+
+
+#: The loads of the criteria ``stretch`` and ``energy``, of stretched bonds alone.
+BY_STRETCH, BY_ENERGY = BondLoad(by_energy=False), BondLoad(by_energy=True)
+
+
+@dataclass(frozen=True)
 class Measure:
     """How the energy of some bonds follows from their parts, see :meth:`Body.bond_parts`.
 
@@ -161,7 +186,7 @@ class Body(ABC):
         return False
 
     def force_and_ratios(
-        self, u: np.ndarray, by_energy: bool, weakness: np.ndarray, out: np.ndarray
+        self, u: np.ndarray, load: BondLoad, weakness: np.ndarray, out: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Internal force, and how near bonds are to failure: what a step of a motion asks for.
 
@@ -169,8 +194,8 @@ class Body(ABC):
         ----------
         u, out
             Displacements, m, and forces, N, both (n, dim), in Fortran order where :attr:`columns` says so.
-        by_energy
-            As in :meth:`bond_loads`.
+        load
+            What decides, as in :meth:`bond_loads`.
         weakness
             One over the square of the resistance of each node's bonds (n,), zero where none of them may break.
 
@@ -182,7 +207,7 @@ class Body(ABC):
         """
         self.force(u, out)
         resistance = 1.0 / np.sqrt(np.where(weakness > 0.0, weakness, 1.0))
-        top, nodes = self.largest_ratios(u, by_energy, self._open(weakness), resistance)
+        top, nodes = self.largest_ratios(u, load, self._open(weakness), resistance)
         return top**2, nodes
 
     def _open(self, weakness: np.ndarray) -> np.ndarray:
@@ -309,17 +334,16 @@ class Body(ABC):
             value[own, axis, axis] = np.where(diagonal > 1e-9 * typical, diagonal, typical)
         return starts, column, value
 
-    def bond_loads(self, u: np.ndarray, by_energy: bool) -> np.ndarray:
+    def bond_loads(self, u: np.ndarray, load: BondLoad) -> np.ndarray:
         """Load of every directed bond, broken ones included, (b,): what is compared with the critical stretch.
 
-        That is the stretch, or with ``by_energy`` the stretch of a bond of the same energy without shear; bonds under
-        compression have load zero (theory, eq. 5.2).
+        See :class:`BondLoad` and theory, eq. 5.2.
         """
         bond, owner = np.arange(self.bonds.length.size), self.bonds.owners()
-        return load_of(self.bond_parts(u, bond, owner), self.measure(bond, owner), by_energy)
+        return load_of(self.bond_parts(u, bond, owner), self.measure(bond, owner), load)
 
     def largest_ratios(
-        self, u: np.ndarray, by_energy: bool, breakable: np.ndarray, resistance: np.ndarray
+        self, u: np.ndarray, load: BondLoad, breakable: np.ndarray, resistance: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """What a search for failures starts with.
 
@@ -327,8 +351,8 @@ class Body(ABC):
         ----------
         u
             Displacements, m (n, dim).
-        by_energy
-            As in :meth:`bond_loads`.
+        load
+            What decides, as in :meth:`bond_loads`.
         breakable
             Directed bonds to look at, bool (b,).
         resistance
@@ -341,15 +365,14 @@ class Body(ABC):
         """
         nodes, bond = self.node_parts(u), np.flatnonzero(breakable)
         owner = self.bonds.owners()[bond]
-        load = load_of(self.bond_parts(u, bond, owner, nodes), self.measure(bond, owner), by_energy)
+        loads = load_of(self.bond_parts(u, bond, owner, nodes), self.measure(bond, owner), load)
         top = np.zeros(self.bonds.node_count)
-        np.maximum.at(top, owner, load / np.minimum(resistance[owner], resistance[self.bonds.far(bond)]))
+        np.maximum.at(top, owner, loads / np.minimum(resistance[owner], resistance[self.bonds.far(bond)]))
         return top, nodes
 
 
-def load_of(parts: np.ndarray, measure: Measure, by_energy: bool) -> np.ndarray:
-    """Load of some bonds, given their parts, (k,) (theory, eq. 5.2): none under compression."""
+def load_of(parts: np.ndarray, measure: Measure, load: BondLoad) -> np.ndarray:
+    """Load of some bonds, given their parts, (k,) (theory, eq. 5.2)."""
     stretch = parts[0]
-    if by_energy:
-        return np.where(stretch > 0.0, np.sqrt(np.maximum(measure.square(parts), 0.0)), 0.0)
-    return np.maximum(stretch, 0.0)
+    size = np.sqrt(np.maximum(measure.square(parts), 0.0)) if load.by_energy else np.abs(stretch)
+    return np.where(stretch > load.above, size, 0.0)

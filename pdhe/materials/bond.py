@@ -11,7 +11,7 @@ from pdhe.bonds import Bonds
 from pdhe.kernels import lattice, mechanics, verlet
 from pdhe.kernels.jit import as_float
 from pdhe.materials import constants
-from pdhe.materials.body import Body, Measure, Model
+from pdhe.materials.body import Body, BondLoad, Measure, Model
 from pdhe.materials.solid import TANGENTIAL_FADE, SolidBondBody
 
 
@@ -132,22 +132,22 @@ class BondBody(Body):
         return self.bonds.lattice is not None
 
     def force_and_ratios(
-        self, u: np.ndarray, by_energy: bool, weakness: np.ndarray, out: np.ndarray
+        self, u: np.ndarray, load: BondLoad, weakness: np.ndarray, out: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """See :meth:`Body.force_and_ratios`: here in one go over the bonds."""
         b, images = self.bonds, self.bonds.images
         constants = self.normal, self.tangential
         if b.lattice is not None:
-            return self._lattice_force_and_ratios(u, by_energy, weakness, out)
+            return self._lattice_force_and_ratios(u, load, weakness, out)
         square, spin = np.empty(b.node_count), self._rotate(u)
         verlet.gather_force(
             b.offsets, b.neighbours, self._x, self.cubed, self._share, *constants, self._with_images(u), spin,
-            by_energy, weakness if images is None else images.extend(weakness), out, square,
+            load.by_energy, load.above, weakness if images is None else images.extend(weakness), out, square,
         )  # fmt: skip
         return square, spin[:, 0]
 
     def _lattice_force_and_ratios(
-        self, u: np.ndarray, by_energy: bool, weakness: np.ndarray, out: np.ndarray
+        self, u: np.ndarray, load: BondLoad, weakness: np.ndarray, out: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         grid, padding, images = self.bonds.lattice, self._padding, self.bonds.images
         ux, uy = self._on_grid(u)
@@ -159,7 +159,7 @@ class BondBody(Body):
         square = np.empty(ux.size)
         verlet.lattice_force(
             grid.step, grid.dx, grid.dy, self._by_offset, self._grid_share, self.normal, self.tangential, ux, uy, theta,
-            by_energy, weakness, split[:, 0], split[:, 1], square,
+            load.by_energy, load.above, weakness, split[:, 0], split[:, 1], square,
         )  # fmt: skip
         if padding is not None:
             out[:, 0], out[:, 1] = padding.gather(split[:, 0]), padding.gather(split[:, 1])
@@ -193,24 +193,24 @@ class BondBody(Body):
             np.add.at(out, node, more)
         return out
 
-    def bond_loads(self, u: np.ndarray, by_energy: bool) -> np.ndarray:
+    def bond_loads(self, u: np.ndarray, load: BondLoad) -> np.ndarray:
         """Load of every directed bond, broken ones included, (b,): see :func:`pdhe.kernels.mechanics.bond_load`."""
         b, x, out = self.bonds, self._x, np.empty(self.bonds.length.size)
         spin = self._rotate(u)
         mechanics.bond_load(
-            b.offsets, b.neighbours, x, self._share, self.normal, self.tangential, by_energy, self._with_images(u),
-            spin, out,
+            b.offsets, b.neighbours, x, self._share, self.normal, self.tangential, load.by_energy, load.above,
+            self._with_images(u), spin, out,
         )  # fmt: skip
         return out
 
     def largest_ratios(
-        self, u: np.ndarray, by_energy: bool, breakable: np.ndarray, resistance: np.ndarray
+        self, u: np.ndarray, load: BondLoad, breakable: np.ndarray, resistance: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """As for any body, without writing anything per bond."""
         b, top = self.bonds, np.empty(self.bonds.node_count)
         spin = self._rotate(u)
         mechanics.largest_ratio(
-            b.offsets, b.neighbours, self._x, self._share, self.normal, self.tangential, by_energy,
+            b.offsets, b.neighbours, self._x, self._share, self.normal, self.tangential, load.by_energy, load.above,
             self._with_images(u), spin, breakable, resistance if b.images is None else b.images.extend(resistance), top,
         )  # fmt: skip
         return top, spin[:, 0].copy()

@@ -10,7 +10,7 @@ from pdhe.bonds import Bonds
 from pdhe.kernels import correspondence as kernels
 from pdhe.kernels.jit import as_float
 from pdhe.materials import constants
-from pdhe.materials.body import Body, Measure, Model
+from pdhe.materials.body import Body, BondLoad, Measure, Model
 from pdhe.materials.solid_correspondence import CARRIES_ALL, ROW, SolidCorrespondenceBody
 
 
@@ -224,14 +224,15 @@ class CorrespondenceBody(Body):
         return Measure(normal * self.bonds.weight[bond] * self.bonds.length[bond], square)
 
     def largest_ratios(
-        self, u: np.ndarray, by_energy: bool, breakable: np.ndarray, resistance: np.ndarray
+        self, u: np.ndarray, load: BondLoad, breakable: np.ndarray, resistance: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """As for any body, without writing anything per bond."""
         b, top, nodes = self.bonds, np.empty(self.bonds.node_count), self.node_parts(u)
         resistance = resistance if b.images is None else b.images.extend(resistance)
         kernels.largest_ratio(
             b.offsets, b.neighbours, self._x, self.control, np.ascontiguousarray(nodes[:, :4]),
-            np.ascontiguousarray(nodes[:, 4]), self.normal, by_energy, self._with_images(u), breakable, resistance, top,
+            np.ascontiguousarray(nodes[:, 4]), self.normal, load.by_energy, load.above,
+            self._with_images(u), breakable, resistance, top,
         )  # fmt: skip
         return top, nodes
 

@@ -7,7 +7,7 @@ import numpy as np
 from pdhe.bonds import Bonds
 from pdhe.kernels import mechanics3d
 from pdhe.kernels.jit import as_float
-from pdhe.materials.body import Body, Measure, Model
+from pdhe.materials.body import Body, BondLoad, Measure, Model
 
 #: Eigenvalue of a node's rotation weight over its largest one below which the node does not resist that rotation:
 #: about the axis of bonds that all lie on one line.
@@ -104,21 +104,23 @@ class SolidBondBody(Body):
         # Each row holds the bonds twice: in the diagonal block and in the blocks beside it.
         return 2.0 * b.sum_by_node(scale[:, None] * rows)
 
-    def bond_loads(self, u: np.ndarray, by_energy: bool) -> np.ndarray:
+    def bond_loads(self, u: np.ndarray, load: BondLoad) -> np.ndarray:
         """Load of every directed bond, broken ones included, (b,)."""
         out = np.empty(self.bonds.length.size)
         theta = self._rotate(u)
-        mechanics3d.bond_load(*self._bonded, self.share, self.normal, self.tangential, by_energy, u, theta, out)
+        constants = self.normal, self.tangential, load.by_energy, load.above
+        mechanics3d.bond_load(*self._bonded, self.share, *constants, u, theta, out)
         return out
 
     def largest_ratios(
-        self, u: np.ndarray, by_energy: bool, breakable: np.ndarray, resistance: np.ndarray
+        self, u: np.ndarray, load: BondLoad, breakable: np.ndarray, resistance: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """As for any body, without writing anything per bond."""
         top, theta = np.empty(self.bonds.node_count), self._rotate(u)
         mechanics3d.largest_ratio(
-            *self._bonded, self.share, self.normal, self.tangential, by_energy, u, theta, breakable, resistance, top
-        )
+            *self._bonded, self.share, self.normal, self.tangential, load.by_energy, load.above, u, theta, breakable,
+            resistance, top,
+        )  # fmt: skip
         return top, theta.copy()
 
     def node_parts(self, u: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from pdhe.errors import PdheError
 from pdhe.kernels import correspondence3d as kernels
 from pdhe.kernels.jit import as_float
 from pdhe.materials import constants
-from pdhe.materials.body import Body, Measure, Model
+from pdhe.materials.body import Body, BondLoad, Measure, Model
 
 #: Least over largest principal value of a shape tensor below which a family has no gradient: it counts as a row, or in
 #: space as a layer. In the plane, half discs have 1 and quarter discs 0.2; two bonds at an angle of 11 degrees have
@@ -220,12 +220,13 @@ class SolidCorrespondenceBody(Body):
         return Measure(normal * self.bonds.weight[bond] * self.bonds.length[bond], square)
 
     def largest_ratios(
-        self, u: np.ndarray, by_energy: bool, breakable: np.ndarray, resistance: np.ndarray
+        self, u: np.ndarray, load: BondLoad, breakable: np.ndarray, resistance: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """As for any body, without writing anything per bond."""
         b, top, nodes = self.bonds, np.empty(self.bonds.node_count), self.node_parts(u)
         kernels.largest_ratio(
             b.offsets, b.neighbours, self.coordinates, self.control, np.ascontiguousarray(nodes[:, :9]),
-            np.ascontiguousarray(nodes[:, 9:]), self.normal, by_energy, u, breakable, resistance, top,
+            np.ascontiguousarray(nodes[:, 9:]), self.normal, load.by_energy, load.above, u, breakable,
+            resistance, top,
         )  # fmt: skip
         return top, nodes

@@ -10,7 +10,7 @@ from pdhe.bonds import Bonds
 from pdhe.kernels import mechanics, mechanics3d, state_based
 from pdhe.kernels.jit import as_float
 from pdhe.materials import constants
-from pdhe.materials.body import Body, Measure, Model
+from pdhe.materials.body import Body, BondLoad, Measure, Model
 
 
 class StateBasedBody(Body):
@@ -115,13 +115,13 @@ class StateBasedBody(Body):
         return Measure(normal * self.bonds.weight[bond] * self.bonds.length[bond], square)
 
     def largest_ratios(
-        self, u: np.ndarray, by_energy: bool, breakable: np.ndarray, resistance: np.ndarray
+        self, u: np.ndarray, load: BondLoad, breakable: np.ndarray, resistance: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """As for any body, without writing anything per bond."""
         b, top, pressure = self.bonds, np.empty(self.bonds.node_count), self.node_parts(u)
         state_based.largest_ratio(
-            b.offsets, b.neighbours, self._x, self.spread, pressure, self.along, self.normal, by_energy,
-            self._with_images(u), breakable, self._beyond(resistance), top,
+            b.offsets, b.neighbours, self._x, self.spread, pressure, self.along, self.normal, load.by_energy,
+            load.above, self._with_images(u), breakable, self._beyond(resistance), top,
         )  # fmt: skip
         return top, pressure
 

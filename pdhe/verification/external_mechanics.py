@@ -12,7 +12,7 @@ import numpy as np
 from pdhe.bonds import build_bonds
 from pdhe.damage import Candidates, FailureRule
 from pdhe.discretization import discretize
-from pdhe.materials import MODELS, make_body
+from pdhe.materials import MODELS, BondLoad, make_body
 from pdhe.mesh import make_mesh
 from pdhe.scene import Geometry, Mesh
 from pdhe.verification.drawing import COLOURS, MARKERS, label, panels
@@ -86,7 +86,7 @@ def pair_failure(model: str, by_energy: bool, direction: tuple[float, float], u_
     horizon, critical = 3.0, 1e-3
     bonds = build_bonds(x, np.ones(2), np.ones(2), 1.0, horizon, surface="none")
     body = make_body(bonds, MODELS[model](YOUNG, POISSON, 1.0, horizon), x, np.ones(2))
-    rule = FailureRule(critical, 1.0, by_energy, None, bonds.owners() < bonds.neighbours)
+    rule = FailureRule(critical, 1.0, BondLoad(by_energy), None, bonds.owners() < bonds.neighbours)
     rest, end = np.zeros((2, 2)), critical * np.array([(0.0, 0.0), u_end])
 
     def breaks(amount: float) -> bool:

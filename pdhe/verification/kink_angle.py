@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pdhe.materials import BY_ENERGY
 from pdhe.verification.drawing import COLOURS, MARKERS, label, panels
 from pdhe.verification.plates import Plate, equilibrium, plate_body, rotated_plate, square_plate, triangle_plate
 from pdhe.verification.report import Report, Row
@@ -141,7 +142,7 @@ def follow(plate: Plate, horizon: float, tips: np.ndarray, partial: str) -> np.n
     reached, broken = np.zeros(len(tips)), []
     u, _ = solver.solve(prescribed, prescribed)
     while reached.min() < (RING[1] + 0.1) * horizon:
-        load = body.bond_loads(u, True) * (may_fail & body.intact)
+        load = body.bond_loads(u, BY_ENERGY) * (may_fail & body.intact)
         chosen = np.flatnonzero(load >= (1.0 - GROUPING) * load.max())
         body.break_bonds(chosen)
         broken.append(middle[chosen])

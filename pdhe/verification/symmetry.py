@@ -10,6 +10,7 @@ import numpy as np
 
 from pdhe.case import Case, build_case
 from pdhe.discretization import Discretization
+from pdhe.materials import BY_ENERGY
 from pdhe.mirrors import Symmetry
 from pdhe.plan import bond_bytes
 from pdhe.scene import Scene
@@ -219,7 +220,9 @@ def operator_errors(pair: Pair) -> dict[str, float]:
     def difference(found: np.ndarray, exact: np.ndarray) -> float:
         return float(np.abs(found - exact).max() / np.abs(exact).max())
 
-    loads = [np.sort(case.body.bond_loads(at, True)[case.bonds.once()]) for case, at in ((part, u), (whole, field))]
+    loads = [
+        np.sort(case.body.bond_loads(at, BY_ENERGY)[case.bonds.once()]) for case, at in ((part, u), (whole, field))
+    ]
     return {
         "force": difference(pair.continued(part.body.force(u), vectors=True), whole.body.force(field)),
         "energy": difference(pair.continued(part.body.energy(u)), whole.body.energy(field)),

@@ -13,6 +13,7 @@ from pdhe.bonds import Grading
 from pdhe.case import build_case
 from pdhe.damage import critical_stretch, crossing_sum, stretch_factors, together_at
 from pdhe.discretization import discretize
+from pdhe.materials import BY_ENERGY, BondLoad
 from pdhe.mesh import make_mesh
 from pdhe.scene import Scene
 from pdhe.simulation import simulate
@@ -166,11 +167,11 @@ def follow(
     u, _ = solver.solve(prescribed, prescribed)
     energy, tip, held, states = body.energy(u).sum(), notch, 0.0, []
     while tip < notch + cells * SPACING:
-        load = body.bond_loads(u, by_energy) * (may_fail & body.intact) / tougher
+        load = body.bond_loads(u, BondLoad(by_energy)) * (may_fail & body.intact) / tougher
         scale = critical / load.max()
         held = max(held, scale)
         broken = np.flatnonzero(load * held / critical >= max(1.0 - together, (1.0 - GROUPING) * held / scale))
-        separation = float(stiffness[broken] @ body.bond_loads(u, True)[broken] ** 2)
+        separation = float(stiffness[broken] @ body.bond_loads(u, BY_ENERGY)[broken] ** 2)
         body.break_bonds(broken)
         tip = max([tip, *centre[broken[short[broken]], 0]])
         u, _ = solver.solve(u, prescribed)

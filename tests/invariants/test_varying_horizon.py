@@ -211,7 +211,7 @@ def test_nearest_failure_finds_the_weakest_bond(case, wet):
     psi = random.uniform(size=len(u)) if wet else None
     bonds, owner = case.bonds, case.bonds.owners()
     mean = 0.5 * (psi[owner] + psi[bonds.neighbours]) if wet else None
-    load = np.where(case.rule.may_fail & case.body.intact, case.body.bond_loads(u, case.rule.by_energy), 0.0)
+    load = np.where(case.rule.may_fail & case.body.intact, case.body.bond_loads(u, case.rule.load), 0.0)
     expected = (load / case.rule.resistance_at(mean, np.arange(owner.size))).max()
     assert nearest_failure(case.body, case.rule, u, psi) == pytest.approx(expected, rel=1e-12)
 

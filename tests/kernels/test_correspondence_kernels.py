@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pdhe import materials
+from pdhe.materials import BY_ENERGY
 from pdhe.materials.correspondence import CONTROLS
 from tests.lattices import YOUNG, make_body
 
@@ -80,12 +81,12 @@ def test_kernels_equal_their_twins(case, zero_energy):
         (body.displacement_gradient(u), gradient),
         (body.energy(u), energy),
         (body.force(u), force),
-        (body.bond_loads(u, True), load),
+        (body.bond_loads(u, BY_ENERGY), load),
     ):
         np.testing.assert_allclose(measured, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
     breakable = body.intact & (np.arange(load.size) % 3 > 0)
     resistance = np.random.default_rng(1).uniform(1.0, 2.0, len(x))
-    top, _ = body.largest_ratios(u, True, breakable, resistance)
+    top, _ = body.largest_ratios(u, BY_ENERGY, breakable, resistance)
     owner = body.bonds.owners()
     bound = np.where(breakable, load, 0.0) / np.minimum(resistance[owner], resistance[body.bonds.neighbours])
     expected = np.zeros(len(x))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pdhe import materials
+from pdhe.materials import BY_ENERGY, BY_STRETCH
 from tests.lattices import make_body
 
 CASES = {
@@ -61,8 +62,8 @@ def test_kernels_equal_their_twins(case):
         (body.rotation(u), theta),
         (body.force(u), force),
         (body.energy(u), energy),
-        (body.bond_loads(u, False), load),
-        (body.bond_loads(u, True), load_by_energy),
+        (body.bond_loads(u, BY_STRETCH), load),
+        (body.bond_loads(u, BY_ENERGY), load_by_energy),
     ):
         np.testing.assert_allclose(measured, expected, rtol=0, atol=1e-13 * np.abs(expected).max() + 1e-300)
 

@@ -7,6 +7,7 @@ import pytest
 
 from pdhe import materials
 from pdhe.errors import PdheError
+from pdhe.materials import BY_ENERGY, BY_STRETCH
 from pdhe.materials.constants import Orthotropic
 from pdhe.materials.solid_correspondence import CONTROLS
 from tests.solids import YOUNG, make_solid
@@ -87,15 +88,15 @@ def test_kernels_equal_their_twins(case, zero_energy):
         (body.displacement_gradient(u), gradient),
         (body.energy(u), energy),
         (body.force(u), force),
-        (body.bond_loads(u, True), load),
+        (body.bond_loads(u, BY_ENERGY), load),
     ):
         np.testing.assert_allclose(measured, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
     breakable = body.intact & (np.arange(load.size) % 3 > 0)
     resistance = np.random.default_rng(1).uniform(1.0, 2.0, len(x))
     owner, far = body.bonds.owners(), body.bonds.neighbours
-    for by_energy in (True, False):
-        top, _ = body.largest_ratios(u, by_energy, breakable, resistance)
-        loads = load if by_energy else body.bond_loads(u, False)
+    for kind in (BY_ENERGY, BY_STRETCH):
+        top, _ = body.largest_ratios(u, kind, breakable, resistance)
+        loads = load if kind.by_energy else body.bond_loads(u, BY_STRETCH)
         expected = np.zeros(len(x))
         np.maximum.at(expected, owner, np.where(breakable, loads, 0.0) / np.minimum(resistance[owner], resistance[far]))
         np.testing.assert_allclose(top, expected, rtol=1e-9)

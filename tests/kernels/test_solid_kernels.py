@@ -6,6 +6,7 @@ from scipy.spatial import cKDTree
 
 from pdhe.kernels import moments3d
 from pdhe.kernels.families3d import find_families
+from pdhe.materials import BY_ENERGY
 from pdhe.materials.solid import TANGENTIAL_FADE
 from tests.solids import make_solid
 
@@ -63,7 +64,7 @@ def test_bodies_in_space_are_those_of_the_twin(cracked):
         (theta, body.rotation(u)),
         (force, body.force(u)),
         (energy, body.energy(u)),
-        (loads, body.bond_loads(u, True)),
+        (loads, body.bond_loads(u, BY_ENERGY)),
     ):
         # Measured 2e-14 at most: sums in another order, and the inverse of the rotation weight.
         assert np.abs(got - want).max() < 1e-12 * np.abs(want).max()
@@ -74,15 +75,15 @@ def test_the_search_for_failures_is_that_of_any_body(cracked):
     u = np.random.default_rng(2).normal(size=x.shape) * 1e-6
     breakable = body.bonds.once() & body.intact
     resistance = np.random.default_rng(3).uniform(0.5, 1.0, len(x)) * 1e-3
-    top, nodes = body.largest_ratios(u, True, breakable, resistance)
-    want, _ = super(type(body), body).largest_ratios(u, True, breakable, resistance)
+    top, nodes = body.largest_ratios(u, BY_ENERGY, breakable, resistance)
+    want, _ = super(type(body), body).largest_ratios(u, BY_ENERGY, breakable, resistance)
     assert top.max() > 0.0
     assert np.abs(top - want).max() < 1e-12 * want.max()
     assert np.array_equal(nodes, body.node_parts(u))
     bond = np.flatnonzero(breakable)
     parts = body.bond_parts(u, bond, body.bonds.owners()[bond], nodes)
     loads = np.sqrt(np.maximum(body.measure(bond, body.bonds.owners()[bond]).square(parts), 0.0)) * (parts[0] > 0.0)
-    assert np.abs(loads - body.bond_loads(u, True)[bond]).max() < 1e-12 * loads.max()
+    assert np.abs(loads - body.bond_loads(u, BY_ENERGY)[bond]).max() < 1e-12 * loads.max()
 
 
 def test_families_in_space_are_those_of_a_tree():

@@ -5,6 +5,7 @@ import pytest
 
 from pdhe import materials
 from pdhe.damage import Candidates, FailureRule
+from pdhe.materials import BY_ENERGY, BY_STRETCH
 from tests.lattices import make_body
 
 CASES = {
@@ -57,13 +58,13 @@ def test_kernels_equal_their_twins(case):
         (body.dilatation(u), theta),
         (body.force(u), force),
         (body.energy(u), energy),
-        (body.bond_loads(u, True), load),
-        (body.bond_loads(u, False), stretch),
+        (body.bond_loads(u, BY_ENERGY), load),
+        (body.bond_loads(u, BY_STRETCH), stretch),
     ):
         np.testing.assert_allclose(measured, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
     breakable = body.intact & (np.arange(load.size) % 3 > 0)
     resistance = np.random.default_rng(1).uniform(1.0, 2.0, len(x))
-    top, _ = body.largest_ratios(u, True, breakable, resistance)
+    top, _ = body.largest_ratios(u, BY_ENERGY, breakable, resistance)
     bound = np.where(breakable, load, 0.0) / np.minimum(
         resistance[body.bonds.owners()], resistance[body.bonds.neighbours]
     )
@@ -95,11 +96,11 @@ def test_is_the_bond_based_model_at_its_poissons_ratio(plane):
 
 def test_loads_between_two_displacements_are_those_of_the_mean():
     x, body = make_body(9, 8, model="state-based", perturb=0.1)
-    rule = FailureRule(1e-6, 1.0, True, None, body.bonds.owners() < body.bonds.neighbours)
+    rule = FailureRule(1e-6, 1.0, BY_ENERGY, None, body.bonds.owners() < body.bonds.neighbours)
     u0, u1 = np.random.default_rng(3).normal(size=(2, *x.shape)) * 1e-6
     found = Candidates(body, rule, u0, u1)
     assert found.bond.size > 20
-    expected = body.bond_loads(0.7 * u0 + 0.3 * u1, True)[found.bond]
+    expected = body.bond_loads(0.7 * u0 + 0.3 * u1, BY_ENERGY)[found.bond]
     np.testing.assert_allclose(found.load(0.3), expected, rtol=1e-9, atol=1e-12 * expected.max())
 
 

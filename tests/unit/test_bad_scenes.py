@@ -376,6 +376,7 @@ BAD = {
     "no_fail on unknown set": ({"damage.no_fail": ["tops"]}, "damage.no_fail.0", "not a node set", "`top`"),
     "no_fail twice": ({"damage.no_fail": ["top", "top"]}, "damage.no_fail.1", "listed twice", "keep one"),
     "unknown criterion": ({"damage.criterion": "strain"}, "damage.criterion", "not one of the choices", "`stretch`"),
+    "switch that is a word": ({"damage.tension_only": "off"}, "damage.tension_only", "on or off", "`true` or `false`"),
     # hydrogen
     "coverage above one": (
         {"hydrogen.boundary.0.coverage": 1.5},

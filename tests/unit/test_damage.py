@@ -19,7 +19,7 @@ def every_bond(case, u, psi):
     """Load and resistance of every bond that may break."""
     b = case.bonds
     owner = b.owners()
-    load = case.body.bond_loads(u, case.rule.by_energy)
+    load = case.body.bond_loads(u, case.rule.load)
     mean = None if psi is None else 0.5 * (psi[owner] + psi[b.neighbours])
     return np.where(case.rule.may_fail & case.body.intact, load, 0.0), case.rule.resistance_at(mean)
 

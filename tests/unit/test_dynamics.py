@@ -13,7 +13,7 @@ from pdhe.discretization import discretize
 from pdhe.dynamics import Verlet
 from pdhe.errors import SceneError
 from pdhe.kernels import verlet
-from pdhe.materials import MODELS, Body
+from pdhe.materials import BY_ENERGY, BY_STRETCH, MODELS, Body, BondLoad
 from pdhe.mesh import make_mesh
 from pdhe.plan import make_plan
 from pdhe.post import energy_balance
@@ -61,9 +61,9 @@ def options(request):
     return STATES[request.param]
 
 
-@pytest.mark.parametrize("by_energy", [True, False])
+@pytest.mark.parametrize("load", [BY_ENERGY, BY_STRETCH, BondLoad(True, False), BondLoad(False, False)])
 @pytest.mark.parametrize("model", MODELS)
-def test_one_sweep_gives_forces_and_the_nearest_bonds(model, options, by_energy):
+def test_one_sweep_gives_forces_and_the_nearest_bonds(model, options, load):
     x, body = make_body(model=model, **options)
     random = np.random.default_rng(0)
     n = len(x)
@@ -73,14 +73,14 @@ def test_one_sweep_gives_forces_and_the_nearest_bonds(model, options, by_energy)
     u = random.normal(size=x.shape) * 1e-5
     for order in "CF":
         out = np.empty_like(u, order=order)
-        square, nodes = body.force_and_ratios(np.array(u, order="C" if order == "C" else "F"), by_energy, weakness, out)
+        square, nodes = body.force_and_ratios(np.array(u, order="C" if order == "C" else "F"), load, weakness, out)
         # Sums of the same terms, grouped differently: measured 5e-16 of the largest force.
         assert np.abs(out - body.force(u)).max() < 1e-13 * np.abs(out).max()
         assert np.array_equal(nodes, body.node_parts(u))
         owner, other = body.bonds.owners(), body.bonds.neighbours
         q = np.maximum(weakness[owner], weakness[other]) * (np.minimum(weakness[owner], weakness[other]) > 0.0)
         expected = np.zeros(n)
-        np.maximum.at(expected, owner, np.where(body.intact, body.bond_loads(u, by_energy) ** 2 * q, 0.0))
+        np.maximum.at(expected, owner, np.where(body.intact, body.bond_loads(u, load) ** 2 * q, 0.0))
         # Squares of shears may cancel with a negative tangential stiffness: measured 2e-13.
         np.testing.assert_allclose(square, expected, rtol=1e-9, atol=1e-12 * expected.max())
 
@@ -90,14 +90,14 @@ def test_the_nearest_bonds_follow_what_breaks_and_what_may_break(model):
     x, body = make_body(model=model)
     u = np.random.default_rng(0).normal(size=x.shape) * 1e-5
     all_may, out = np.full(len(x), 1e5), np.empty_like(u)
-    before = body.force_and_ratios(u, True, all_may, out)[0]
+    before = body.force_and_ratios(u, BY_ENERGY, all_may, out)[0]
     worst = int(before.argmax())
     few_may = np.where(np.arange(len(x)) == worst, 0.0, all_may)
-    assert body.force_and_ratios(u, True, few_may, out)[0][worst] == 0.0
-    assert np.array_equal(body.force_and_ratios(u, True, all_may, out)[0], before)
+    assert body.force_and_ratios(u, BY_ENERGY, few_may, out)[0][worst] == 0.0
+    assert np.array_equal(body.force_and_ratios(u, BY_ENERGY, all_may, out)[0], before)
     own = slice(body.bonds.offsets[worst], body.bonds.offsets[worst + 1])
     body.break_bonds(np.arange(len(body.intact))[own])
-    assert body.force_and_ratios(u, True, all_may, out)[0][worst] == 0.0
+    assert body.force_and_ratios(u, BY_ENERGY, all_may, out)[0][worst] == 0.0
 
 
 @pytest.mark.parametrize("cells", ["quadrilateral", "triangle"])
@@ -114,8 +114,8 @@ def test_one_sweep_does_for_mirrored_halves_too(tmp_path, cells):
     u = random.normal(size=body.coordinates.shape) * 1e-5
     weakness = random.uniform(1e5, 1e6, len(u)) * (random.random(len(u)) > 0.2)
     out, plain = np.empty_like(u), np.empty_like(u)
-    square, nodes = body.force_and_ratios(u, True, weakness, out)
-    expected, parts = Body.force_and_ratios(body, u, True, weakness, plain)
+    square, nodes = body.force_and_ratios(u, BY_ENERGY, weakness, out)
+    expected, parts = Body.force_and_ratios(body, u, BY_ENERGY, weakness, plain)
     assert np.abs(out - plain).max() < 1e-13 * np.abs(out).max()
     np.testing.assert_allclose(square, expected, rtol=1e-9)
     assert np.array_equal(nodes, parts) and nodes.size > len(u)
