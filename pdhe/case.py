@@ -8,7 +8,7 @@ import numpy as np
 
 from pdhe.blocks import node_values, stiffness_ratios, toughness_ratios
 from pdhe.bonds import Bonds, Families, Grading, build_bonds
-from pdhe.boundary import DisplacementConditions, Prescribed
+from pdhe.boundary import OPPOSITE, UPPER, DisplacementConditions, Prescribed
 from pdhe.damage import (
     CRITERIA,
     FailureRule,
@@ -30,6 +30,7 @@ from pdhe.scene_mirrors import edge_segments, mirrors_through, region_diagonal
 from pdhe.segments import distance_to_segment
 from pdhe.sizing import SizeField
 from pdhe.solid_bonds import build_solid_bonds
+from pdhe.solid_nodes import ROUND_OFF, facet_areas
 from pdhe.solvers import Equilibrium
 from pdhe.stability import NEGATIVE, least_eigenvalue
 from pdhe.surfaces import surface_of
@@ -278,7 +279,8 @@ def _dynamics(scene: Scene, d: Discretization, body: Body, conditions: Displacem
             if load.kind == "initial_velocity":
                 initial[d.node_sets[load.on], component] = given
             elif load.kind == "traction":
-                nodes, area = edge_areas(d, load.on, (scene.geometry.width, scene.geometry.height))
+                size = (scene.geometry.width, scene.geometry.height, scene.geometry.thickness)
+                nodes, area = edge_areas(d, load.on, size)
                 tractions.append(Traction(load.on, component, given, given.corners, nodes, area))
     mass, breaks = scene.material.density * d.volume, scene.damage is not None
     motion = Verlet(body, mass, conditions, tractions, initial, stepping.damping, breaks)
@@ -290,14 +292,17 @@ def _dynamics(scene: Scene, d: Discretization, body: Body, conditions: Displacem
     return motion
 
 
-def edge_areas(d: Discretization, edge: str, size: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes whose cells have a side on an edge of the plate, (k,), and the area of that side, m^2 (k,).
+def edge_areas(d: Discretization, edge: str, size: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes whose cells have a side on an edge of the plate or a face of the body, (k,), and its area, m^2 (k,).
 
-    ``size`` is that of the plate, m (2,).
+    ``size`` is that of the body, m (3,).
     """
-    axis, level = {"left": (0, 0.0), "right": (0, size[0]), "bottom": (1, 0.0), "top": (1, size[1])}[edge]
+    axis = OPPOSITE[edge][1]
+    level = size[axis] if edge in UPPER else 0.0
+    if d.dimension == 3:
+        return facet_areas(d.vertices, d.cells, axis, level, ROUND_OFF * d.spacing)
     corners = d.vertices[d.cells]
-    along, on = corners[:, :, 1 - axis], np.abs(corners[:, :, axis] - level) <= 1e-6 * d.spacing[:, None]
+    along, on = corners[:, :, 1 - axis], np.abs(corners[:, :, axis] - level) <= ROUND_OFF * d.spacing[:, None]
     both = on & np.roll(on, -1, axis=1)
     length = np.sum(np.abs(along - np.roll(along, -1, axis=1)) * both, axis=1)
     nodes = np.flatnonzero(length > 0.0)

@@ -25,13 +25,13 @@ class Traction:
     Attributes
     ----------
     on, component
-        Edge, and 0 for x or 1 for y.
+        Edge or face, and 0 for x, 1 for y or 2 for z.
     value
         Force per area, Pa, as a function of time, s.
     corners
         Times at which the function has a corner, s.
     nodes, area
-        The nodes that bear it, (m,), and the area of the edge that belongs to each, m^2 (m,).
+        The nodes that bear it, (m,), and the area of the edge or face that belongs to each, m^2 (m,).
     """
 
     on: str
@@ -58,7 +58,7 @@ def stable_step(body: Body, mass: np.ndarray, free: np.ndarray, breaks: bool = F
     mass
         kg (n,).
     free
-        Degrees of freedom that move, bool (n, 2): rows of held ones do not matter.
+        Degrees of freedom that move, bool (n, dim): rows of held ones do not matter.
     breaks
         Whether bonds may break later on, which stiffens some bodies.
     """
@@ -71,7 +71,7 @@ class Verlet:
     """Steps of the motion of a body (theory, eqs. 7.7 and 7.8), and what they cost and give away.
 
     Displacements, velocities and forces live in flat arrays in the order that suits the sweeps; :attr:`u`, :attr:`v`
-    and :attr:`force` are views of them of shape (n, 2), with the forces of tractions on free nodes included.
+    and :attr:`force` are views of them of shape (n, dim), with the forces of tractions on free nodes included.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class Verlet:
     conditions, tractions
         What is prescribed.
     initial
-        Velocity of each node at time zero, m/s (n, 2).
+        Velocity of each node at time zero, m/s (n, dim).
     damping
         Rate, 1/s: a force of that times mass and velocity acts against the motion.
     breaks
@@ -100,17 +100,17 @@ class Verlet:
         breaks: bool = False,
     ) -> None:
         self.body, self.mass, self.conditions, self.tractions, self.damping = body, mass, conditions, tractions, damping
-        n = mass.size
+        shape = body.coordinates.shape
         self.columns = body.columns
-        self.u, self.v, self.force, masses = (self._flat(n) for _ in range(4))
+        self.u, self.v, self.force, masses = (self._flat(shape) for _ in range(4))
         masses[:] = mass[:, None]
         free = ~conditions.fixed
         self.limit = stable_step(body, mass, free, breaks)
         self._u, self._v, self._force, self._masses = map(self._line, (self.u, self.v, self.force, masses))
-        inverse = self._flat(n)
+        inverse = self._flat(shape)
         inverse[free] = (1.0 / masses)[free]
         self._inverse = self._line(inverse)
-        self._lost = np.zeros((2 * n + verlet.BLOCK - 1) // verlet.BLOCK)
+        self._lost = np.zeros((masses.size + verlet.BLOCK - 1) // verlet.BLOCK)
         node, component, self._load, self._factor = conditions.sparse()
         self._held = self._at(node, component)
         self._pull = [
@@ -127,19 +127,20 @@ class Verlet:
         self._square = self._parts = None
         self.work = Work()
 
-    def _flat(self, n: int) -> np.ndarray:
-        return np.zeros((2, n)).T if self.columns else np.zeros((n, 2))
+    def _flat(self, shape: tuple[int, int]) -> np.ndarray:
+        return np.zeros(shape[::-1]).T if self.columns else np.zeros(shape)
 
     def _line(self, field: np.ndarray) -> np.ndarray:
         return (field.T if self.columns else field).reshape(-1)
 
     def _at(self, node: np.ndarray, component: np.ndarray) -> np.ndarray:
         """Places of degrees of freedom in the flat arrays."""
-        return (component * self.mass.size + node if self.columns else 2 * node + component).astype(np.int64)
+        nodes, axes = self.u.shape
+        return (component * nodes + node if self.columns else axes * node + component).astype(np.int64)
 
     @property
     def held(self) -> np.ndarray:
-        """Degrees of freedom with a prescribed motion, bool (n, 2)."""
+        """Degrees of freedom with a prescribed motion, bool (n, dim)."""
         return self.conditions.fixed
 
     def adopt(self, u: np.ndarray, v: np.ndarray, force: np.ndarray) -> None:

@@ -121,7 +121,7 @@ def needs_of(scene: Mapping[str, Any]) -> Needs:
     mechanics, hydrogen = bool(scene.get("loads")) or moving, scene.get("hydrogen")
     breaks, outputs = mechanics and "damage" in scene, len(scene["outputs"]["times"])
     share = BOTH if mechanics and hydrogen else MECHANICS if mechanics else DIFFUSION
-    numbers = axes * mechanics + 2 * moving + breaks + bool(hydrogen)
+    numbers = axes * mechanics + axes * moving + breaks + bool(hydrogen)
     fields = 8.0 * numbers * nodes * outputs
     memory = PROCESS + share * bonds + COPIES * fields
 

@@ -228,7 +228,7 @@ def crack_direction(result: xr.Dataset, time: float, crack: int = 0) -> float | 
     """Return the angle between a pre-crack and what grew from its end at the last output until a time, degrees.
 
     Of the straight line through that end which fits the grown facets best, counter-clockwise. Facets that do not hang
-    together with the pre-crack do not count. None before growth.
+    together with the pre-crack do not count. None before growth, and in space, where a crack ends in a front.
 
     Parameters
     ----------
@@ -238,6 +238,8 @@ def crack_direction(result: xr.Dataset, time: float, crack: int = 0) -> float | 
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
+    if "node_z" in result:
+        return None
     facets = facets_of(result)
     index = max(int(np.searchsorted(result["time"].values, time, side="right")) - 1, 0)
     rows = open_facets(result, facets)[index]

@@ -347,6 +347,7 @@ class Velocity(Block):
 
     x: VelocityHistory | None = None
     y: VelocityHistory | None = None
+    z: VelocityHistory | None = None
 
 
 class Traction(Block):
@@ -354,6 +355,7 @@ class Traction(Block):
 
     x: TractionHistory | None = None
     y: TractionHistory | None = None
+    z: TractionHistory | None = None
 
 
 class InitialVelocity(Block):
@@ -361,6 +363,7 @@ class InitialVelocity(Block):
 
     x: fields.Velocity | None = None
     y: fields.Velocity | None = None
+    z: fields.Velocity | None = None
 
 
 class Load(Block):
@@ -397,8 +400,7 @@ class Load(Block):
     def components(self) -> dict[int, Any]:
         """What is given along x (0), y (1) and z (2)."""
         given = getattr(self, self.kind)
-        values = given.x, given.y, getattr(given, "z", None)
-        return {axis: value for axis, value in enumerate(values) if value is not None}
+        return {axis: value for axis, value in enumerate((given.x, given.y, given.z)) if value is not None}
 
     @property
     def motion(self) -> dict[int, tuple[Callable[[float], float], tuple[float, ...]]]:

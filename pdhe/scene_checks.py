@@ -470,14 +470,11 @@ def _check_dynamics(scene: "Scene") -> None:
         if load.kind != "displacement" and not dynamic:
             hint = "write `stepping: {mode: dynamic}`; equilibria take prescribed displacements only"
             raise problem("needs inertia", hint, f"loads.{k}.{load.kind}")
-        if load.kind == "traction" and load.on not in RESERVED[:4]:
-            raise problem(
-                "has no surface that a traction could act on", "use left, right, bottom, top", f"loads.{k}.on"
-            )
+        outside = (*RESERVED[:4], *solid.FACES) if scene.mesh.solid else RESERVED[:4]
+        if load.kind == "traction" and load.on not in outside:
+            raise problem("has no surface that a traction could act on", f"use {', '.join(outside)}", f"loads.{k}.on")
     if not dynamic:
         return
-    if scene.mesh.solid:
-        raise problem("is there for plates alone", "use mode `events` or `fixed`, or a plane mesh", "stepping.mode")
     if scene.loads is None:
         hint = "add `loads`: a velocity, an initial velocity, a traction or a displacement"
         raise problem("needs something that moves", hint, "stepping.mode")
@@ -491,18 +488,18 @@ def _check_dynamics(scene: "Scene") -> None:
             if load.kind == "displacement" and given(0.0) != 0.0:
                 text = "is a jump at the start, where the body is at rest and not deformed"
                 hint = "let it begin at zero, for example `{0 us: 0 mm, 1 us: 0.01 mm}`, or prescribe a velocity"
-                raise problem(text, hint, f"loads.{k}.displacement.{'xy'[axis]}")
+                raise problem(text, hint, f"loads.{k}.displacement.{'xyz'[axis]}")
     for key, kind in (("traction", "traction"), ("initial_velocity", "initial velocity")):
         given_at: dict[tuple[str, int], int] = {}
         for k, load in enumerate(loads):
             for axis in load.components if load.kind == key else ():
                 if (load.on, axis) in given_at:
-                    text = f"gives `{load.on}` a second {kind} along {'xy'[axis]}"
-                    raise problem(text, "keep one of them", f"loads.{k}.{key}.{'xy'[axis]}")
+                    text = f"gives `{load.on}` a second {kind} along {'xyz'[axis]}"
+                    raise problem(text, "keep one of them", f"loads.{k}.{key}.{'xyz'[axis]}")
                 given_at[load.on, axis] = k
                 if any(other.on == load.on and axis in other.motion for other in loads):
-                    text = f"acts on `{load.on}`, whose motion along {'xy'[axis]} is prescribed"
-                    raise problem(text, "keep one of them", f"loads.{k}.{key}.{'xy'[axis]}")
+                    text = f"acts on `{load.on}`, whose motion along {'xyz'[axis]} is prescribed"
+                    raise problem(text, "keep one of them", f"loads.{k}.{key}.{'xyz'[axis]}")
 
 
 def _check_coverage(scene: "Scene") -> None:

@@ -545,8 +545,8 @@ def _dynamic_row(case: Case, state: State) -> dict[str, float]:
     motion, t = case.dynamics, state.time
     kinetic, of_held = motion.kinetic()
     row = case.conditions.reactions(state.force)
-    row |= {f"applied_{p.on}_{'xy'[p.component]}": p.value(t) for p in case.conditions.prescribed}
-    row |= {f"traction_{p.on}_{'xy'[p.component]}": p.value(t) for p in motion.tractions}
+    row |= {f"applied_{p.on}_{'xyz'[p.component]}": p.value(t) for p in case.conditions.prescribed}
+    row |= {f"traction_{p.on}_{'xyz'[p.component]}": p.value(t) for p in motion.tractions}
     return row | {
         "elastic_energy": case.copies * motion.elastic(),
         "kinetic_energy": case.copies * kinetic,

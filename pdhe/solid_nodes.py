@@ -45,6 +45,23 @@ def facets_of_cells(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return facets, np.repeat(np.arange(len(cells), dtype=np.int32), len(sides))
 
 
+def facet_areas(
+    vertices: np.ndarray, cells: np.ndarray, axis: int, level: float, slack: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Cells with facets in a plane across an axis, (k,), and the area of these, m^2 (k,).
+
+    ``level`` is where the plane is, m; ``slack`` how far off it a corner of each cell may be, m (n,).
+    """
+    facets, owner = facets_of_cells(cells)
+    on = (np.abs(vertices[facets, axis] - level) <= slack[owner][:, None]).all(axis=1)
+    corners, owner = vertices[facets[on]], owner[on]
+    # Twice the area of a plane facet is the length of the product of its diagonals, of a triangle of two sides.
+    one, two = corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1]
+    area = 0.5 * np.linalg.norm(np.cross(one, two), axis=1)
+    nodes, place = np.unique(owner, return_inverse=True)
+    return nodes, np.bincount(place, weights=area, minlength=nodes.size)
+
+
 def cells_on_surfaces(
     cells: np.ndarray, surfaces: dict[str, np.ndarray], vertex_count: int
 ) -> dict[str, tuple[np.ndarray, bool]]:

@@ -6,7 +6,7 @@ one over the square of the resistance of a node's bonds (n,), zero where none of
 bond the greater counts, and none if either is zero. Shears count with ``by_energy``, and only bonds
 whose stretch is ``above`` a bound (theory, eq. 5.2).
 
-Fields of the motion are flat: both components of all nodes in one array of 2 n numbers, in whatever order.
+Fields of the motion are flat: all components of all nodes in one array, in whatever order.
 """
 
 from __future__ import annotations

@@ -140,7 +140,6 @@ BAD = {
         {"loads__0": {"on": "front", "displacement": {"y": "1 um"}}, "loads__1__displacement": {"y": "2 um"}},
         "loads.1.displacement.y", "`front` and `bottom` share nodes", "same value",
     ),
-    "dynamics": ({"stepping": {"mode": "dynamic"}}, "stepping.mode", "plates alone", "events"),
 }  # fmt: skip
 
 

@@ -4,9 +4,9 @@ from pdhe.verification.waves import pulse, run
 
 
 def test_waves_have_the_speeds_of_theory(tmp_path):
-    report = run(spacings=(4e-3, 3e-3, 2e-3, 1.5e-3), ratio=5)
+    report = run(spacings=(4e-3, 3e-3, 2e-3, 1.5e-3), ratio=5, cubes=(4e-3, 3e-3))
     # Coarse bars are slower: they are not what the tolerances are for.
-    coarse = ("speed of a pulse", "order of the error", "largest error")
+    coarse = ("speed of a pulse in a bar at", "order of the error", "largest error")
     failed = [row.what for row in report.rows if not row.passed and not row.what.startswith(coarse)]
     assert not failed
     report.write(tmp_path)
