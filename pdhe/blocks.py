@@ -11,7 +11,7 @@ from pdhe.bonds import Bonds
 from pdhe.errors import SceneError
 
 if TYPE_CHECKING:
-    from pdhe.scene_blocks import DiffusivityOn, Interface, StiffnessOn, ToughnessOn
+    from pdhe.scene_blocks import Axes, DiffusivityOn, Interface, StiffnessOn, ToughnessOn
 
 
 #: Largest ratio of Young's moduli within a body that was found right.
@@ -29,6 +29,40 @@ def node_values(
     for region in regions:
         node[node_sets[region.on]] = region.over(elsewhere)
     return node
+
+
+def axis_angles(coordinates: np.ndarray, node_sets: Mapping[str, np.ndarray], items: Sequence[Axes]) -> np.ndarray:
+    """Direction of the material axis 1 at each node of a plate, rad (n,); later items go before earlier ones."""
+    angle = np.zeros(len(coordinates))
+    for item in items:
+        nodes = node_sets[item.on]
+        angle[nodes] = _angles(coordinates[nodes], item)
+    return angle
+
+
+def axis_frames(coordinates: np.ndarray, node_sets: Mapping[str, np.ndarray], items: Sequence[Axes]) -> np.ndarray:
+    """Material axes 1, 2 and 3 at each node in space, unit vectors, one a row (n, 3, 3); later items go first."""
+    frame = np.broadcast_to(np.eye(3), (len(coordinates), 3, 3)).copy()
+    for item in items:
+        nodes = node_sets[item.on]
+        if item.axis_1 is not None:
+            first, third = np.array(item.axis_1), np.cross(item.axis_1, item.axis_2)
+            first, third = first / np.linalg.norm(first), third / np.linalg.norm(third)
+            frame[nodes] = first, np.cross(third, first), third
+            continue
+        c, s = np.cos(angle := _angles(coordinates[nodes], item)), np.sin(angle)
+        frame[nodes] = np.eye(3)
+        frame[nodes, 0, 0] = frame[nodes, 1, 1] = c
+        frame[nodes, 0, 1], frame[nodes, 1, 0] = s, -s
+    return frame
+
+
+def _angles(coordinates: np.ndarray, item: Axes) -> np.ndarray:
+    """Angles about z that an item gives to nodes, rad (k,)."""
+    if item.around is None:
+        return np.full(len(coordinates), item.angle)
+    x, y = (coordinates[:, :2] - item.around).T
+    return item.angle + np.arctan2(y, x)
 
 
 def stiffness_ratios(

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from pdhe.blocks import node_values, stiffness_ratios, toughness_ratios
+from pdhe.blocks import axis_angles, axis_frames, node_values, stiffness_ratios, toughness_ratios
 from pdhe.bonds import Bonds, Families, Grading, build_bonds
 from pdhe.boundary import OPPOSITE, UPPER, DisplacementConditions, Prescribed
 from pdhe.damage import (
@@ -196,20 +196,9 @@ def _model(scene: Scene, d: Discretization) -> Model:
     if scene.loads is not None and material.orthotropic is not None:
         more = material.orthotropic.model_dump()
         options["orthotropic"] = Orthotropic(material.youngs_modulus, poissons_ratio_12=material.poissons_ratio, **more)
-        options["angle"] = _axes(scene, d)
+        axes = d.coordinates, d.node_sets, mechanics.axes or ()
+        options |= {"angle": axis_angles(*axes)} if scene.plane else {"frame": axis_frames(*axes)}
     return kind(material.youngs_modulus, material.poissons_ratio, d.thickness, scene.horizon_length, **options)
-
-
-def _axes(scene: Scene, d: Discretization) -> np.ndarray:
-    """Direction of the material axis 1 at each node, rad (n,)."""
-    angle = np.zeros(d.volume.size)
-    for item in scene.mechanics.axes or ():
-        nodes = d.node_sets[item.on]
-        angle[nodes] = item.angle
-        if item.around is not None:
-            x, y = (d.coordinates[nodes] - item.around).T
-            angle[nodes] += np.arctan2(y, x)
-    return angle
 
 
 def _require_support(scene: Scene, body: Body) -> None:

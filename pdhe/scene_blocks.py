@@ -235,8 +235,8 @@ class Horizon(Block):
 class Orthotropic(Block):
     """What an orthotropic material has beyond Young's modulus along its axis 1 and Poisson's ratio 12.
 
-    ``poissons_ratio_12`` is the contraction along 2 under tension along 1. Those of axis 3, across the plate, are for
-    plane strain.
+    Poisson's ratio 12 is the contraction along 2 under tension along 1. What belongs to axis 3, across a plate, is for
+    plane strain and for bodies in space, which need its shear moduli too.
     """
 
     youngs_modulus_2: fields.Stiffness
@@ -244,6 +244,8 @@ class Orthotropic(Block):
     youngs_modulus_3: fields.Stiffness | None = None
     poissons_ratio_13: fields.CrossRatio | None = None
     poissons_ratio_23: fields.CrossRatio | None = None
+    shear_modulus_13: fields.Stiffness | None = None
+    shear_modulus_23: fields.Stiffness | None = None
 
 
 class Material(Block):
@@ -290,12 +292,28 @@ class Material(Block):
 class Axes(Block):
     """Direction of the material axis 1 on a node set: an angle (rad) from x, or from the direction away from a point.
 
-    Later entries of a list go before earlier ones.
+    In space these turn about z; or ``axis_1`` is the direction itself, and ``axis_2`` one towards axis 2, which is made
+    perpendicular. Later entries of a list go before earlier ones.
     """
 
     on: fields.NodeSet = "all"
-    angle: fields.Angle
+    angle: fields.Angle | None = None
     around: fields.Point | None = None
+    axis_1: fields.Direction | None = None
+    axis_2: fields.Direction | None = None
+
+    @model_validator(mode="after")
+    def _one_way(self) -> "Axes":
+        given = tuple(value is not None for value in (self.angle, self.axis_1, self.axis_2))
+        if given not in ((True, False, False), (False, True, True)) or (self.around is not None and not given[0]):
+            hint = "for example `angle: 30 deg`, or in space `{axis_1: [1, 0, 1], axis_2: [0, 1, 0]}`"
+            raise problem("needs either `angle` or both `axis_1` and `axis_2`", hint)
+        if self.axis_1 is not None:
+            (a, b, c), (p, q, r) = self.axis_1, self.axis_2
+            across = math.hypot(b * r - c * q, c * p - a * r, a * q - b * p)
+            if across < 1e-6 * math.hypot(a, b, c) * math.hypot(p, q, r):
+                raise problem("has the direction of `axis_1`", "give another one, for example across it", "axis_2")
+        return self
 
 
 class StiffnessOn(Block):

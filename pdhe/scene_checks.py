@@ -328,10 +328,17 @@ def _check_orthotropic(scene: "Scene") -> None:
     e1, e2, nu12 = material.youngs_modulus, given.youngs_modulus_2, material.poissons_ratio
     left = 1.0 - nu12**2 * e2 / e1
     key = "material.poissons_ratio"
-    if mechanics.plane == "strain" and scene.loads is not None:
-        for name in ("youngs_modulus_3", "poissons_ratio_13", "poissons_ratio_23"):
+    for k, item in enumerate(mechanics.axes or ()):
+        if item.axis_1 is not None and not scene.mesh.solid:
+            hint = "use `angle`, or `mesh: {cells: hexahedron}` or `tetrahedron`"
+            raise problem("is a direction in space", hint, f"mechanics.axes.{k}.axis_1")
+    if (mechanics.plane == "strain" or scene.mesh.solid) and scene.loads is not None:
+        wanted = ("youngs_modulus_3", "poissons_ratio_13", "poissons_ratio_23")
+        wanted += ("shear_modulus_13", "shear_modulus_23") if scene.mesh.solid else ()
+        state = "a body in space" if scene.mesh.solid else "plane strain"
+        for name in wanted:
             if getattr(given, name) is None:
-                raise problem("is missing, and plane strain needs it", "give it", f"material.orthotropic.{name}")
+                raise problem(f"is missing, and {state} needs it", "give it", f"material.orthotropic.{name}")
         e3, nu13, nu23 = given.youngs_modulus_3, given.poissons_ratio_13, given.poissons_ratio_23
         key = "material.orthotropic.poissons_ratio_23"
         left = min(left, 1.0 - nu13**2 * e3 / e1, 1.0 - nu23**2 * e3 / e2, _compliance(e1, e2, e3, nu12, nu13, nu23))

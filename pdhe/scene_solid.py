@@ -164,9 +164,6 @@ def check_mechanics(scene: "Scene") -> None:
     if scene.mechanics.model not in SOLID_MODELS:
         listed = " or ".join(f"`{name}`" for name in SOLID_MODELS)
         raise problem("is made for plates", f"use {listed}, or a plane mesh", "mechanics.model")
-    if scene.material.orthotropic is not None:
-        text = "is made for plates: its axes lie in one plane"
-        raise problem(text, "leave it out, or use a plane mesh", "material.orthotropic")
     if scene.mechanics.plane != "stress":
         raise problem("is a state of plates", "leave it out: the body is computed in space", "mechanics.plane")
     if scene.mechanics.weights == "energy":

@@ -14,6 +14,9 @@ from numpy import uint32, uint64
 
 from pdhe.kernels.jit import kernel, serial_kernel
 
+#: Where xx, yy, zz, yz, xz, xy are among nine entries, and their counterparts across the diagonal.
+PLACE, MIRROR = (0, 4, 8, 5, 2, 1), (0, 4, 8, 7, 6, 3)
+
 
 @kernel
 def shape(nodes, offsets, neighbours, x, cubed, tensor):
@@ -110,6 +113,27 @@ def linear_stress(lame, shear, gradient, stress):
             for b in range(3):
                 stress[i, 3 * a + b] = shear * (gradient[i, 3 * a + b] + gradient[i, 3 * b + a])
             stress[i, 4 * a] += mean
+
+
+@kernel
+def tensor_stress(stiffness, gradient, stress):
+    """Write the stress of small strains of any linear material, Pa (n, 9).
+
+    ``stiffness`` has the upper triangle, row by row, for xx, yy, zz, yz, xz, xy of all nodes (1, 21) or of each
+    (n, 21), Pa.
+    """
+    for i in prange(gradient.shape[0]):
+        own = i if stiffness.shape[0] > 1 else 0
+        for a in range(6):
+            total = 0.0
+            for b in range(6):
+                low = min(a, b)
+                strain = gradient[i, PLACE[b]]
+                if b > 2:
+                    strain += gradient[i, MIRROR[b]]
+                total += stiffness[own, low * (11 - low) // 2 + max(a, b)] * strain
+            stress[i, PLACE[a]] = total
+            stress[i, MIRROR[a]] = total
 
 
 @kernel

@@ -48,9 +48,9 @@ def stiffness_tensor(young: float, poisson: float, plane: str) -> np.ndarray:
 
 
 def mandel(stiffness: np.ndarray) -> np.ndarray:
-    """Stiffness as symmetric matrices (..., 3, 3) whose eigenvalues are those of the tensor."""
-    root = np.sqrt(2.0)
-    return stiffness * np.array([[1.0, 1.0, root], [1.0, 1.0, root], [root, root, 2.0]])
+    """Stiffness as symmetric matrices (..., 3, 3), in space (..., 6, 6), whose eigenvalues are those of the tensor."""
+    twice = np.array([1.0, 1.0, 2.0] if stiffness.shape[-1] == 3 else [1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+    return stiffness * np.sqrt(np.outer(twice, twice))
 
 
 def turned(stiffness: np.ndarray, angle: np.ndarray) -> np.ndarray:
@@ -63,11 +63,33 @@ def turned(stiffness: np.ndarray, angle: np.ndarray) -> np.ndarray:
     return turn.transpose(0, 2, 1) @ mandel(stiffness) @ turn / mandel(np.ones((3, 3)))
 
 
+#: Rows and columns of the six entries of a symmetric tensor in space: xx, yy, zz, yz, xz, xy.
+ROWS, COLUMNS = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
+
+
+def turned_in_space(stiffness: np.ndarray, frame: np.ndarray) -> np.ndarray:
+    """Stiffness (6, 6) of a material in the axes of space, as (n, 6, 6).
+
+    Parameters
+    ----------
+    stiffness
+        For the strains 11, 22, 33 and engineering 23, 13, 12 in the axes of the material, Pa.
+    frame
+        These axes as unit vectors, one a row, (n, 3, 3).
+    """
+    one, two = frame[:, ROWS], frame[:, COLUMNS]
+    both = one[:, :, ROWS] * two[:, :, COLUMNS] + one[:, :, COLUMNS] * two[:, :, ROWS]
+    # How strains, those of shear times the root of 2, look in the axes of the material.
+    turn = 0.5 * mandel(both)
+    return turn.transpose(0, 2, 1) @ mandel(stiffness) @ turn / mandel(np.ones((6, 6)))
+
+
 @dataclass(frozen=True)
 class Orthotropic:
     """Engineering constants along material axes 1 and 2 in the plane and 3 across it; moduli in Pa.
 
-    ``poissons_ratio_12`` is the contraction along 2 under tension along 1. What belongs to axis 3 is for plane strain.
+    ``poissons_ratio_12`` is the contraction along 2 under tension along 1. Moduli and ratios of axis 3 are for plane
+    strain and bodies in space, its shear moduli for the latter.
     """
 
     youngs_modulus_1: float
@@ -77,6 +99,19 @@ class Orthotropic:
     youngs_modulus_3: float | None = None
     poissons_ratio_13: float | None = None
     poissons_ratio_23: float | None = None
+    shear_modulus_13: float | None = None
+    shear_modulus_23: float | None = None
+
+    def in_space(self) -> np.ndarray:
+        """Stiffness in the axes of the material, Pa (6, 6), for the strains 11, 22, 33 and engineering 23, 13, 12."""
+        moduli = self.youngs_modulus_1, self.youngs_modulus_2, self.youngs_modulus_3
+        compliance = np.diag([1.0 / modulus for modulus in moduli])
+        ratios = {(0, 1): self.poissons_ratio_12, (0, 2): self.poissons_ratio_13, (1, 2): self.poissons_ratio_23}
+        for (a, b), ratio in ratios.items():
+            compliance[a, b] = compliance[b, a] = -ratio / moduli[a]
+        whole = np.diag([0.0, 0.0, 0.0, self.shear_modulus_23, self.shear_modulus_13, self.shear_modulus_12])
+        whole[:3, :3] = np.linalg.inv(compliance)
+        return whole
 
     def stiffness(self, plane: str) -> np.ndarray:
         """Stiffness in the axes of the material, Pa (3, 3), for the strains 11, 22 and engineering 12."""

@@ -254,10 +254,12 @@ class Correspondence(Model):
     zero_energy_strength
         Factor on that.
     orthotropic
-        Constants in the axes of the material; then Young's modulus and Poisson's ratio are not regarded. In the plane
-        alone.
+        Constants in the axes of the material; then Young's modulus and Poisson's ratio are not regarded.
     angle
-        Of the material axis 1 from x, rad: one number, or one for each node (n,).
+        Of the material axis 1 from x, rad: one number, or one for each node (n,). In the plane.
+    frame
+        Material axes 1, 2 and 3 in space as unit vectors, one a row: (3, 3), or of each node (n, 3, 3); None if they
+        are x, y and z.
     """
 
     body = CorrespondenceBody
@@ -266,22 +268,32 @@ class Correspondence(Model):
     zero_energy_strength: float = 1.0
     orthotropic: constants.Orthotropic | None = None
     angle: float | np.ndarray = field(default=0.0, compare=False)
+    frame: np.ndarray | None = field(default=None, compare=False)
 
     def tensor(self) -> np.ndarray:
-        """Stiffness for the strains xx, yy and engineering xy, Pa (1, 3, 3) or of each node (n, 3, 3)."""
+        """Stiffness for the strains xx, yy and engineering xy, Pa (1, 3, 3) or of each node (n, 3, 3).
+
+        Of an orthotropic material in space (..., 6, 6), for xx, yy, zz and engineering yz, xz, xy.
+        """
+        if self.plane is None:
+            frame = np.eye(3) if self.frame is None else self.frame
+            return constants.turned_in_space(self.orthotropic.in_space(), frame.reshape(-1, 3, 3))
         if self.orthotropic is None:
             return constants.stiffness_tensor(self.youngs_modulus, self.poissons_ratio, self.plane)[None]
         return constants.turned(self.orthotropic.stiffness(self.plane), np.atleast_1d(self.angle))
 
     def stiffness(self) -> np.ndarray:
-        """Its entries xx-xx, xx-yy, xx-xy, yy-yy, yy-xy, xy-xy, Pa (1, 6) or (n, 6)."""
-        rows, columns = np.triu_indices(3)
-        return self.tensor()[:, rows, columns]
+        """Its upper triangle, xx-xx, xx-yy, xx-xy, yy-yy, yy-xy, xy-xy, Pa (1, 6) or (n, 6); in space (..., 21)."""
+        tensor = self.tensor()
+        rows, columns = np.triu_indices(tensor.shape[-1])
+        return tensor[:, rows, columns]
 
     @property
     def normal(self) -> float:
         """Micromodulus of the bonds that have the energy of an isotropic extension, N/m^6, in whatever axes."""
         if self.orthotropic is None:
             return super().normal
+        if self.plane is None:
+            return 2.0 * float(self.orthotropic.in_space()[:3, :3].sum()) / (np.pi * self.horizon**4)
         tensor = self.orthotropic.stiffness(self.plane)
         return 3.0 * float(tensor[:2, :2].sum()) / (np.pi * self.thickness * self.horizon**3)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from pdhe.bonds import Bonds
-from pdhe.errors import PdheError
 from pdhe.kernels import correspondence3d as kernels
 from pdhe.kernels.jit import as_float
 from pdhe.materials import constants
@@ -19,25 +18,43 @@ ROW = 0.01
 #: node fades out: bonds along and beside a straight crack leave a half.
 CARRIES_ALL = 0.25
 _MATRIX = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
-_ENTRIES = ([0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1])
 
 
-def silling_control(model: Model, inverse: np.ndarray) -> np.ndarray:
+def silling_control(model: Model, stiffness: np.ndarray | None, inverse: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Zero-energy control by Silling (2017): the same resistance in all directions (theory, eq. 2.19)."""
-    return np.full_like(inverse, 0.5 * model.normal)
+    return _entries(np.full_like(inverse, 0.5 * model.normal), vectors)
 
 
-def wan_control(model: Model, inverse: np.ndarray) -> np.ndarray:
-    """Zero-energy control by Wan et al. (2019) for an isotropic stiffness (theory, eq. 2.18).
+def wan_control(model: Model, stiffness: np.ndarray | None, inverse: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Zero-energy control by Wan et al. (2019): the stiffness on the inverse shape tensor (theory, eq. 2.18).
 
     What would be negative, in auxetic materials at nodes with few bonds, is left out.
     """
-    lame, shear = _lame(model)
-    return np.maximum(lame * inverse.sum(axis=1, keepdims=True) + 2.0 * shear * inverse, 0.0)
+    if stiffness is None:
+        lame, shear = _lame(model)
+        return _entries(np.maximum(lame * inverse.sum(axis=1, keepdims=True) + 2.0 * shear * inverse, 0.0), vectors)
+    doubled = _entries(inverse, vectors) * np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+    found = np.einsum("nab,nb->na", np.broadcast_to(_whole(stiffness), (len(inverse), 6, 6)), doubled)
+    values, own = np.linalg.eigh(found[:, _MATRIX])
+    return _entries(np.maximum(values, 0.0), own)
 
 
-#: Zero-energy controls by the name that scenes use: principal values N/m^6 (k, 3) from those of the inverse shape
-#: tensor times the volume, 1/m^4 (k, 3), along the same axes.
+def _entries(principal: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Entries xx, yy, zz, yz, xz, xy of tensors (k, 6) with some principal values (k, 3) along axes (k, 3, 3)."""
+    return np.einsum("nij,nj,nkj->nik", vectors, principal, vectors)[:, constants.ROWS, constants.COLUMNS]
+
+
+def _whole(stiffness: np.ndarray) -> np.ndarray:
+    """Matrices (k, 6, 6) of their upper triangles (k, 21)."""
+    found = np.empty((len(stiffness), 6, 6))
+    rows, columns = np.triu_indices(6)
+    found[:, rows, columns] = found[:, columns, rows] = stiffness
+    return found
+
+
+#: Zero-energy controls by the name that scenes use: tensors N/m^6 (k, 6), given the stiffness of materials that are not
+#: isotropic, Pa (1, 21) or (k, 21), and the principal values, 1/m^4 (k, 3), and axes of the inverse shape tensor times
+#: the volume.
 CONTROLS = {"wan": wan_control, "silling": silling_control}
 
 
@@ -53,12 +70,7 @@ class SolidCorrespondenceBody(Body):
     Parameters
     ----------
     bonds, model, coordinates, volume, precision
-        As for :class:`Body`; a :class:`Correspondence` model of an isotropic material.
-
-    Raises
-    ------
-    PdheError
-        If the material is orthotropic.
+        As for :class:`Body`; a :class:`Correspondence` model.
     """
 
     def __init__(
@@ -70,10 +82,10 @@ class SolidCorrespondenceBody(Body):
         precision: type = np.float64,
     ) -> None:
         super().__init__(bonds, model, coordinates, volume, precision)
-        if model.orthotropic is not None:
-            raise PdheError("correspondence models in space are made for isotropic materials")
         n = bonds.node_count
         self.lame, self.shear = _lame(model)
+        #: Of an orthotropic material, for all nodes Pa (1, 21) or for each (n, 21).
+        self.stiffness = None if model.orthotropic is None else as_float(model.stiffness())
         self._tensor, self.inverse, self.share = np.empty((n, 6)), np.zeros((n, 6)), np.ones(n)
         every = np.arange(n, dtype=np.int32)
         kernels.shape(
@@ -95,13 +107,12 @@ class SolidCorrespondenceBody(Body):
         least, largest = values[:, 0], values[:, 2]
         full = (largest > 0.0) & (least >= ROW * largest)
         inverse = np.where(full, self.volume[nodes], 0.0)[:, None] / np.where(full[:, None], values, 1.0)
-        control = CONTROLS[self.model.zero_energy](self.model, inverse)
+        own = self.stiffness if self.stiffness is None or len(self.stiffness) == 1 else self.stiffness[nodes]
+        control = CONTROLS[self.model.zero_energy](self.model, own, inverse, vectors)
         left = np.divide(least, CARRIES_ALL * self._whole[nodes], out=np.zeros(len(nodes)), where=full)
         self.share[nodes] = np.minimum(left, 1.0)
-        control *= (self.model.zero_energy_strength * self.share[nodes])[:, None]
-        for out, principal in ((self.inverse, inverse), (self.control, control)):
-            matrix = np.einsum("nij,nj,nkj->nik", vectors, principal, vectors)
-            out[nodes] = matrix[:, _ENTRIES[0], _ENTRIES[1]]
+        self.inverse[nodes] = _entries(inverse, vectors)
+        self.control[nodes] = (self.model.zero_energy_strength * self.share[nodes])[:, None] * control
 
     def _without(self, both: np.ndarray, nodes: np.ndarray) -> None:
         self._refresh(nodes)
@@ -122,7 +133,10 @@ class SolidCorrespondenceBody(Body):
     def _stress(self, gradient: np.ndarray) -> np.ndarray:
         """First Piola-Kirchhoff stress of each node, Pa (n, 9): here that of small strains."""
         out = np.empty_like(gradient)
-        kernels.linear_stress(self.lame, self.shear, gradient, out)
+        if self.stiffness is None:
+            kernels.linear_stress(self.lame, self.shear, gradient, out)
+        else:
+            kernels.tensor_stress(self.stiffness, gradient, out)
         return out
 
     def stress(self, u: np.ndarray) -> np.ndarray:
@@ -174,7 +188,9 @@ class SolidCorrespondenceBody(Body):
         return self._rows(np.maximum(affine, self.model.zero_energy_strength * held))
 
     def _stiffest(self) -> float:
-        """Largest eigenvalue of the stiffness, Pa."""
+        """Largest eigenvalue of the stiffness, Pa: the same in whatever axes."""
+        if self.stiffness is not None:
+            return float(np.linalg.eigvalsh(constants.mandel(self.model.orthotropic.in_space()))[-1])
         return max(3.0 * self.lame + 2.0 * self.shear, 2.0 * self.shear)
 
     def _rows(self, bound: np.ndarray) -> np.ndarray:

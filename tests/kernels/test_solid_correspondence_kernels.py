@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from pdhe import materials
-from pdhe.errors import PdheError
 from pdhe.materials import BY_ENERGY, BY_STRETCH
-from pdhe.materials.constants import Orthotropic
 from pdhe.materials.solid_correspondence import CONTROLS
 from tests.solids import YOUNG, make_solid
 
@@ -216,10 +214,3 @@ def test_rates_of_stress_add_up_to_the_figure_of_another_code():
     # Given with ten digits; its eleventh counts for 5e-11.
     np.testing.assert_allclose(stress[:, 0, 0], 199880088.0, rtol=1e-9)
     assert np.abs(stress.reshape(-1, 9)[:, 1:]).max() < 1e-10 * 2e8
-
-
-def test_an_orthotropic_material_is_refused_in_space():
-    x, body = correspondence(3, 3, 3)
-    ply = Orthotropic(140e9, 10e9, 0.3, 5e9)
-    with pytest.raises(PdheError, match="isotropic"):
-        materials.make_body(body.bonds, dataclasses.replace(body.model, orthotropic=ply), x, body.volume)

@@ -129,7 +129,7 @@ BAD = {
             "material__critical_energy_release_rate": "2 kJ/m^2",
             "material__orthotropic": {"youngs_modulus_2": "100 GPa", "shear_modulus_12": "50 GPa"},
         },
-        "material.orthotropic", "made for plates", "leave it out",
+        "material.orthotropic.youngs_modulus_3", "a body in space needs it", "give it",
     ),
     "mirror lines": ({"geometry__symmetry": ["right"]}, "geometry.symmetry", "plates alone", "whole body"),
     "fidelity": ({"fidelity": "fine"}, "fidelity", "plane meshes", "mesh.spacing"),
