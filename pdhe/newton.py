@@ -1,0 +1,204 @@
+"""Static equilibrium at large strains and rotations: Newton's method on the energy (theory, section 7)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from pdhe.errors import SimulationError
+from pdhe.kernels.vectors import dot
+from pdhe.materials.finite_strain import FiniteStrain, Pose
+from pdhe.solvers import LEAST_REFERENCE, REACHABLE, Preconditioner, Work
+
+#: Residual of a linear solve over the one it started from: less makes no Newton step shorter that is not the last.
+LINEAR = 1e-3
+#: The last linear solve need not go further below the tolerance than this.
+ENOUGH = 0.1
+#: Iterations of one linear solve from which the preconditioner is made anew where the body is by then: as it turns,
+#: that of an earlier position fits ever less.
+SLOW = 40
+#: Newton steps of an increment; 4 or 5 are usual.
+MOST_STEPS = 30
+#: Times that a Newton step, and that an increment of what is prescribed, is halved before it is taken for a failure.
+HALVINGS, CUTS = 10, 6
+#: Share of what a step promises that the energy has to fall by, and round-off of an energy over its size.
+PROMISE, ROUND_OFF = 1e-4, 1e-14
+
+
+class NewtonEquilibrium:
+    """Finds displacements of least energy near given ones, for prescribed values; asked like :class:`Equilibrium`.
+
+    Every Newton step solves with the exact stiffness by preconditioned conjugate gradients, which stop where they meet
+    a direction of negative curvature. It is halved until the energy falls, or the residual does. An increment in which
+    this finds nothing, or in which a node would turn inside out, is cut in two.
+
+    Parameters
+    ----------
+    body
+        A body of large strain.
+    fixed
+        Prescribed degrees of freedom, bool (n, dim).
+    spacing
+        Of each node, m (n,).
+    tolerance
+        Norm of the residual over the free degrees of freedom, relative to that of the forces at the prescribed ones;
+        the largest such norm of the run counts.
+    max_iterations
+        Of conjugate gradients, in one Newton step.
+    """
+
+    def __init__(
+        self, body: FiniteStrain, fixed: np.ndarray, spacing: np.ndarray, tolerance: float = 1e-8,
+        max_iterations: int = 5000,
+    ) -> None:  # fmt: skip
+        self.body, self.fixed, self.spacing = body, fixed, spacing
+        self.free = (~fixed).astype(float)
+        self.tolerance, self.max_iterations = tolerance, max_iterations
+        self.reference, self.work = 0.0, Work()
+        #: Relative residuals of the last increment, one a Newton step.
+        self.residuals: list[float] = []
+        self._precondition: Preconditioner | None = None
+
+    def memory(self) -> dict[str, Any]:
+        """What later solves depend on; the work counted so far is apart."""
+        return {"reference": self.reference}
+
+    def recall(self, memory: Mapping[str, Any], broken: Sequence[np.ndarray]) -> None:
+        """Become as a solver was that said this of itself."""
+        self.reference = memory["reference"]
+
+    def elastic(self, u: np.ndarray, force: np.ndarray) -> float:
+        """Elastic energy of displacements, J."""
+        return float(self.body.energy(u).sum())
+
+    def solve(self, u: np.ndarray, prescribed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Go from a displacement field to an equilibrium.
+
+        Parameters
+        ----------
+        u
+            Displacements of the last equilibrium, m (n, dim), or a guess; not changed.
+        prescribed
+            Values of the fixed degrees of freedom, m (n, dim).
+
+        Returns
+        -------
+        u, force
+            Displacements, m, and internal forces, N, both (n, dim).
+
+        Raises
+        ------
+        SimulationError
+            Without an equilibrium; names the worst node.
+        """
+        self.work.equilibrium_solves += 1
+        # Made anew for every solve, so that a run that goes on from a checkpoint has the same one.
+        self._precondition = None
+        return self._cut(u, prescribed, CUTS)
+
+    def _cut(self, u: np.ndarray, prescribed: np.ndarray, cuts: int) -> tuple[np.ndarray, np.ndarray]:
+        reference = self.reference
+        try:
+            return self._whole(u, prescribed)
+        except SimulationError:
+            if cuts == 0 or not np.any((prescribed - u)[self.fixed]):
+                raise
+        try:
+            middle, _ = self._cut(u, np.where(self.fixed, 0.5 * (u + prescribed), 0.0), cuts - 1)
+            return self._cut(middle, prescribed, cuts - 1)
+        except SimulationError:
+            self.reference = reference
+            raise
+
+    def _whole(self, u: np.ndarray, prescribed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        pose = self._pose(u)
+        moved = np.where(self.fixed, prescribed - u, 0.0)
+        force = pose.force()
+        if moved.any():
+            # What the prescribed motion does on the way in, with the stiffness of the start.
+            force += pose.change(moved)
+            self.work.force_sweeps += 1
+            guess = force
+            u = u + moved + self._solve(pose, force * self.free, 0.0)
+            pose = self._pose(u)
+            force = pose.force()
+        else:
+            guess = force
+        least = max(LEAST_REFERENCE, REACHABLE / self.tolerance)
+        self.reference = max(self.reference, min(least, 1.0) * self._norm(guess * self.fixed))
+        self.residuals = []
+        for _ in range(MOST_STEPS):
+            residual = force * self.free
+            norm, scale = self._norm(residual), max(self.reference, self._norm(force * self.fixed))
+            self.residuals.append(norm / scale if scale > 0.0 else 0.0)
+            if not np.isfinite(norm) or pose.stretched_out().min() <= 0.0:
+                self._fail(residual, "a node is turned inside out")
+            if norm <= self.tolerance * scale:
+                self.reference = scale
+                return u, force
+            change = self._solve(pose, residual, ENOUGH * self.tolerance * scale)
+            pose, force = self._accept(pose, change, residual)
+            u = pose.u
+        return self._fail(force * self.free, f"no end after {MOST_STEPS} Newton steps")
+
+    def _accept(self, pose: Pose, change: np.ndarray, residual: np.ndarray) -> tuple[Pose, np.ndarray]:
+        """Take a step, halved until the energy falls as it promises, or the residual is smaller than it was."""
+        share, norm, energy = 1.0, self._norm(residual), float(pose.energy().sum())
+        slope, slack = -dot(residual, change), ROUND_OFF * abs(energy)
+        for _ in range(HALVINGS):
+            moved = self._pose(pose.u + share * change)
+            if moved.stretched_out().min() > 0.0:
+                force = moved.force()
+                fallen = float(moved.energy().sum()) <= energy + PROMISE * share * slope + slack
+                if fallen or self._norm(force * self.free) < norm:
+                    return moved, force
+            share *= 0.5
+        return self._fail(residual, "no share of a Newton step lowers the energy")
+
+    def _solve(self, pose: Pose, residual: np.ndarray, enough: float) -> np.ndarray:
+        """Displacements that take a residual away, to first order; as far as the energy is convex."""
+        begin = self._norm(residual)
+        goal, out, direction, rz = max(LINEAR * begin, enough), np.zeros_like(residual), np.zeros_like(residual), 1.0
+        residual = residual.copy()
+        for iteration in range(self.max_iterations):
+            if self._norm(residual) <= goal:
+                break
+            if self._precondition is None:
+                self._precondition = Preconditioner(pose, ~self.fixed, self.body.coordinates + pose.u, self.spacing)
+                self.work.preconditioner_builds += 1
+            z = self._precondition(residual)
+            rz, previous = dot(residual, z), rz
+            direction = z + (rz / previous if iteration else 0.0) * direction
+            change = pose.change(direction) * self.free
+            self.work.force_sweeps += 1
+            self.work.equilibrium_iterations += 1
+            curvature = -dot(direction, change)
+            if not curvature > 0.0:
+                return out if iteration else direction
+            out += rz / curvature * direction
+            residual += rz / curvature * change
+        else:
+            self._fail(residual, f"conjugate gradients come to no end in {self.max_iterations} iterations")
+        if iteration > SLOW:
+            self._precondition = None
+        return out
+
+    def _pose(self, u: np.ndarray) -> Pose:
+        self.work.force_sweeps += 1
+        return self.body.at(u)
+
+    @staticmethod
+    def _norm(force: np.ndarray) -> float:
+        return float(np.sqrt(dot(force, force)))
+
+    def _fail(self, residual: np.ndarray, why: str):
+        worst = int(np.nanargmax(np.abs(residual).max(axis=1))) if np.isfinite(residual).any() else 0
+        raise SimulationError(
+            f"equilibrium not reached: {why}; relative residuals "
+            f"{', '.join(f'{value:.2g}' for value in self.residuals[-3:]) or 'none'} in the last Newton steps (wanted "
+            f"{self.tolerance:g}), largest at node {worst}, x = {self.body.coordinates[worst].tolist()} m; take "
+            "shorter load steps, or look for compression that a stress linear in the Green-Lagrange strain cannot bear",
+            worst,
+        )
