@@ -22,8 +22,11 @@ from pdhe.discretization import Discretization
 from pdhe.dynamics import Traction, Verlet
 from pdhe.embrittlement import LAWS, resistance
 from pdhe.errors import SceneError
+from pdhe.histories import make_increments, make_user_body
+from pdhe.increments import Increments
 from pdhe.materials import MODELS, Body, BondLoad, Model, make_body
 from pdhe.materials.constants import Orthotropic
+from pdhe.materials.user import UserBody
 from pdhe.mirrors import EDGE_AXIS, Symmetry
 from pdhe.scene import Scene
 from pdhe.scene_mirrors import edge_segments, mirrors_through, region_diagonal
@@ -54,7 +57,7 @@ class Case:
     bonds
         Without loads only what an exchange of hydrogen needs to know of them.
     equilibrium, conditions
-        Mechanics and its prescribed displacements; None without ``loads``.
+        Mechanics and its prescribed displacements; None without ``loads``. With a user material it goes by increments.
     rule
         When bonds break; None without ``damage``.
     diffusion
@@ -66,7 +69,7 @@ class Case:
     scene: Scene
     discretization: Discretization
     bonds: Bonds | Families
-    equilibrium: Equilibrium | None
+    equilibrium: Equilibrium | Increments | None
     conditions: DisplacementConditions | None
     rule: FailureRule | None
     diffusion: Diffusion | None
@@ -89,6 +92,11 @@ class Case:
         """Bonds with their present breakage."""
         mechanics = self.equilibrium or self.dynamics
         return None if mechanics is None else mechanics.body
+
+    @property
+    def history(self) -> UserBody | None:
+        """The body, where its forces depend on how it came to its displacements; None for all others."""
+        return self.body if isinstance(self.body, UserBody) else None
 
 
 def partial_volume_rule(scene: Scene, discretization: Discretization) -> str:
@@ -145,12 +153,17 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
         if scene.mechanics.regions:
             relative = stiffness_ratios(bonds, d.node_sets, scene.mechanics.regions, scene.material.youngs_modulus)
             _require_reachable(scene, float(relative.max() / relative.min()))
-        body = make_body(bonds, model, d.coordinates, d.volume, PRECISIONS[scene.solver.precision], relative)
+        if scene.material.umat is not None:
+            body = make_user_body(scene, bonds, model, d.coordinates, d.volume)
+        else:
+            body = make_body(bonds, model, d.coordinates, d.volume, PRECISIONS[scene.solver.precision], relative)
         _require_support(scene, body)
         if body.can_be_indefinite:
             _require_positive_stiffness(scene, body, ~conditions.fixed)
         if scene.stepping.mode == "dynamic":
             dynamics = _dynamics(scene, d, body, conditions)
+        elif isinstance(body, UserBody):
+            equilibrium = make_increments(scene, d, body, conditions.fixed)
         else:
             equilibrium = Equilibrium(
                 body, conditions.fixed, d.coordinates, d.spacing, scene.solver.tolerance, scene.solver.max_iterations

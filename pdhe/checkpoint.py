@@ -27,6 +27,7 @@ from pdhe.case import Case
 from pdhe.discretization import Discretization
 from pdhe.dynamics import Work as MotionWork
 from pdhe.errors import Interrupted, PdheError
+from pdhe.increments import Increments
 from pdhe.provenance import digest, fingerprint, versions
 from pdhe.results import Recorder
 from pdhe.solvers import Work
@@ -238,6 +239,8 @@ def _taken(run: Run) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     if run.case.equilibrium is not None:
         solver = run.case.equilibrium
         held["equilibrium"] = {**solver.memory(), "work": dataclasses.asdict(solver.work)}
+        if isinstance(solver, Increments):
+            arrays |= {f"points.{name}": values for name, values in solver.arrays().items()}
     if run.case.dynamics is not None:
         held["motion_work"] = dataclasses.asdict(run.case.dynamics.work)
     if run.case.body is not None:
@@ -266,7 +269,12 @@ def _restored(case: Case, held: Mapping[str, Any], arrays: Mapping[str, np.ndarr
         solver, memory = case.equilibrium, dict(held["equilibrium"])
         solver.work = Work(**memory.pop("work"))
         # Piece by piece as they broke: sums that were built up over the run come out the same.
-        solver.recall(memory, _parted(arrays["broken"], held["broken_sizes"]))
+        broken = _parted(arrays["broken"], held["broken_sizes"])
+        if isinstance(solver, Increments):
+            points = {name.removeprefix("points."): a for name, a in arrays.items() if name.startswith("points.")}
+            solver.recall(memory, broken, points)
+        else:
+            solver.recall(memory, broken)
     if case.dynamics is not None:
         case.dynamics.work = MotionWork(**held["motion_work"])
         for broken in _parted(arrays["broken"], held["broken_sizes"]):

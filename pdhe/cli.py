@@ -146,7 +146,8 @@ def _parser() -> argparse.ArgumentParser:
     add(schema, anywhere)
     add(mesh, spec, file("--out", help="mesh to write"))
     add(nodes, spec, file("--mesh", help="mesh to read"), file("--out", help="nodes to write"))
-    add(solve, spec, file("--nodes", help="nodes to read"), file("--out", help="result to write"))
+    umat = file("--umat", help="compiled user material, where the scene has one", required=False)
+    add(solve, spec, file("--nodes", help="nodes to read"), umat, file("--out", help="result to write"))
     add(figures, result, kind, style, file("--out", help="picture to write"))
     add(animate, result, kind, style, file("--out", help="animation to write"))
     add(
@@ -210,7 +211,8 @@ def _parser() -> argparse.ArgumentParser:
     models = file("--models", help="orders of convergence to write, for `pdhe choose`", required=False)
     add(tradeoff_page, measured, file("--out", help="page to write"), picture, numbers, tables, models)
     source = option("source", type=Path, metavar="SOURCE", help=".c, .f, .for, .f90 or a compiled .so")
-    add(umat_build, source, file("--out", help="library to write; printed where it is when not given", required=False))
+    library = file("--out", help="library to write; printed where it is when not given", required=False)
+    add(umat_build, source, option("--content", metavar="DIGEST", help="refuse a source with another digest"), library)
     add(
         umat_check,
         source,

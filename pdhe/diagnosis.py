@@ -143,6 +143,8 @@ def rebuild(result: xr.Dataset) -> Case:
         If the bonds do not have the damage that the result holds: other code has made it.
     """
     scene = Scene.from_resolved(scene_of(result))
+    if scene.material.umat is not None:
+        raise PdheError("its stresses follow from the history of a user material, which is not run again")
     case = build_case(scene, _discretization(result, scene))
     if case.body is None:
         return case
@@ -197,7 +199,7 @@ def _run(result: xr.Dataset) -> Iterator[str]:
     other = at.size - int(failed.sum()) - int(output.sum())
     yield (
         f"{at.size} history entries: {int(failed.sum())} ended by failures, {int(output.sum())} by an output, "
-        f"{other} by a corner of the loads"
+        f"{other} by a {'load step' if 'plastic_dissipation' in result else 'corner of the loads'}"
     )
     if span > 0.0 and scene_of(result)["time"]["end"] > span * (1.0 + 1e-9):
         yield f"it stops before the end that the scene asks for ({scene_of(result)['time']['end']:.6g} s)"
@@ -255,6 +257,13 @@ def _energy(result: xr.Dataset, case: Case | None) -> Iterator[str]:
     scale = max(abs(work), abs(balance["elastic"]), 1e-300)
     if "kinetic" in balance:
         yield from _energy_of_motion(result, balance)
+        return
+    if "plastic" in balance:
+        yield (
+            f"the user material tells of {balance['plastic']:.6g} J of plastic and {balance['creep']:.6g} J of creep "
+            f"dissipation; {balance['error'] / scale:.2g} of the work is left over: by the length of the load steps, "
+            "unless it does not keep SSE and SPD"
+        )
         return
     if "damage" in result and result["broken_bonds"].values[-1] > 0:
         yield (

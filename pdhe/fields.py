@@ -47,6 +47,8 @@ FIELDS: dict[str, Field] = {
     "coverage": Field("1", "hydrogen coverage", _SNAPSHOT),
     "history_time": Field("s", "time of the history entry", _HISTORY),
     "elastic_energy": Field("J", "elastic energy", _HISTORY),
+    "plastic_dissipation": Field("J", "plastic dissipation that a user material tells (SPD)", _HISTORY),
+    "creep_dissipation": Field("J", "creep dissipation that a user material tells (SCD)", _HISTORY),
     "kinetic_energy": Field("J", "kinetic energy", _HISTORY),
     "external_work": Field("J", "work done by prescribed displacements, and tractions", _HISTORY),
     "damping_loss": Field("J", "energy taken by damping since the start", _HISTORY),
@@ -78,7 +80,10 @@ FIELDS: dict[str, Field] = {
 
 
 def field_of(name: str) -> Field:
-    """Return the declaration of a variable; those of a node set are named after it, ``reaction_top_y``."""
+    """Return the declaration of a variable; those of a node set are named after it, ``reaction_top_y``.
+
+    State variables of a user material have the unit that their scene gives, 1 here.
+    """
     if name.startswith("reaction_"):
         where, component = name.removeprefix("reaction_").rsplit("_", 1)
         return Field("N", f"reaction on {where} along {component}", _HISTORY)
@@ -88,4 +93,6 @@ def field_of(name: str) -> Field:
     if name.startswith("traction_"):
         where, component = name.removeprefix("traction_").rsplit("_", 1)
         return Field("Pa", f"traction on {where} along {component}", _HISTORY)
+    if name.startswith("state_") and name not in FIELDS:
+        return Field("1", f"state variable {name.removeprefix('state_')} of the user material", _SNAPSHOT)
     return FIELDS[name]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +17,7 @@ from pdhe.solvers import Preconditioner, Work
 
 #: Residual of a linear solve over the one it started from: less makes no Newton step shorter that is not the last.
 LINEAR = 1e-4
-#: Linear iterations after which a solve is given up.
+#: Linear iterations after which a solve is given up, unless another number is asked for.
 MOST_LINEAR = 2000
 #: Times that a step is halved before it is taken for a failure.
 HALVINGS = 8
@@ -42,6 +44,10 @@ class Increments:
         Newton steps of an increment.
     cuts
         Times that an increment is halved where it has no equilibrium or the user material asks for a shorter one.
+    max_iterations
+        Linear iterations after which a solve is given up.
+    length
+        Time of the increments that :meth:`solve` goes forward by, s.
     """
 
     def __init__(
@@ -52,13 +58,41 @@ class Increments:
         tolerance: float = 1e-8,
         most_iterations: int = 30,
         cuts: int = 6,
+        max_iterations: int = MOST_LINEAR,
+        length: float = 1.0,
     ) -> None:
         self.body, self.fixed, self.free = body, fixed, (~fixed).astype(float)
         self.tolerance, self.most_iterations, self.cuts = tolerance, most_iterations, cuts
+        self.max_iterations, self.length = max_iterations, length
         self.reference, self.work = 0.0, Work()
         #: Relative residuals of the last increment, one a Newton step.
         self.residuals: list[float] = []
-        self._precondition = Preconditioner(body, ~fixed, body.coordinates, spacing)
+        self._spacing = spacing
+        self._precondition: Preconditioner | None = None
+
+    def memory(self) -> dict[str, Any]:
+        """What later increments depend on, beside :meth:`arrays`; the work counted so far is apart."""
+        points = self.body.points
+        return {"reference": self.reference, "time": points.time, "increments": points.increments}
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The history of the points, as it was committed last."""
+        points = self.body.points
+        return {name: getattr(points, name) for name in ("gradient", "stress", "state", "energy")}
+
+    def recall(
+        self, memory: Mapping[str, Any], broken: Sequence[np.ndarray], arrays: Mapping[str, np.ndarray] | None = None
+    ) -> None:
+        """Become as one was that said this of itself, with a body of which nothing has broken."""
+        if any(piece.size for piece in broken) or arrays is None:
+            raise ValueError("a body with a history has broken bonds, or no history")
+        self.reference = memory["reference"]
+        history = (arrays[name] for name in ("gradient", "stress", "state", "energy"))
+        self.body.points.recall((*history, memory["time"], memory["increments"]))
+
+    def solve(self, u: np.ndarray, prescribed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Advance by one increment of the usual length, as :meth:`step`."""
+        return self.step(u, prescribed, self.length)
 
     def step(self, u: np.ndarray, prescribed: np.ndarray, length: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
         """Advance by one increment, or by parts of it, between which prescribed values are on a straight line.
@@ -145,7 +179,9 @@ class Increments:
         """Displacements that take a residual away, to first order."""
         goal = LINEAR * np.sqrt(dot(residual, residual))
         out, direction, rz, residual = np.zeros_like(residual), np.zeros_like(residual), 1.0, residual.copy()
-        for _ in range(MOST_LINEAR):
+        if self._precondition is None:
+            self._precondition = Preconditioner(self.body, ~self.fixed, self.body.coordinates, self._spacing)
+        for _ in range(self.max_iterations):
             if np.sqrt(dot(residual, residual)) <= goal:
                 return out
             z = self._precondition(residual)
@@ -164,7 +200,7 @@ class Increments:
             residual += rz / curvature * change
         raise SimulationError(
             f"equilibrium of increment {self.body.points.increments + 1} not reached: the tangent cannot be solved "
-            f"with in {MOST_LINEAR} iterations"
+            f"with in {self.max_iterations} iterations"
         )
 
     def _force(self, u: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ from pdhe.case import Case
 from pdhe.damage import CRITERIA, stretch_squares
 from pdhe.errors import SceneError
 from pdhe.forecast import Forecast, Pilot, make_forecast, motion_steps
+from pdhe.histories import corners_between, describe
 from pdhe.scene_mirrors import whole_length
 from pdhe.supersteps import implicit_from
 from pdhe.transport import STEP_SAFETY, DiffusionStep
@@ -36,6 +37,7 @@ def make_plan(case: Case, pilot: Pilot | None = None, expected: Forecast | None 
         f"nodes: {d.volume.size}, {_lengths(case)}, "
         f"bonds: {case.bonds.length.size // 2}, bond memory {bond_bytes(case) / 1e6:.1f} MB",
         _mechanics(case),
+        *([] if case.history is None else [describe(scene, case.history)]),
         _damage(case),
         _hydrogen(case),
         f"time: 0 to {scene.time.end:.6g} s, {len(scene.outputs.times)} outputs, stepping: {_stepping(case)}",
@@ -90,6 +92,12 @@ def warnings(case: Case, pilot: Pilot | None = None) -> list[str]:
         found.append(
             "under `damage.criterion: stretch` cracks in a correspondence model take twice the energy they should: "
             "use `energy`"
+        )
+    if case.history is not None and (missed := corners_between(case.conditions.corners, scene)):
+        listed = ", ".join(f"{t:.6g}" for t in missed[:5])
+        found.append(
+            f"loads turn between two load steps, at {listed} s, and the history goes straight on past it: take a "
+            "`stepping.load_steps` that has steps there"
         )
     if scene.hydrogen is not None:
         diffusivity = scene.material.diffusivity
@@ -153,6 +161,8 @@ def _mechanics(case: Case) -> str:
     cut = int(case.bonds.cut.sum()) // 2
     if case.dynamics is not None:
         how = f"with inertia, density {case.scene.material.density:g} kg/m^3"
+    elif case.history is not None:
+        how = f"increments by Newton's method to {case.equilibrium.tolerance:g}"
     else:
         how = f"equilibrium by conjugate gradients to {case.equilibrium.tolerance:g}"
     where = f"plane {case.scene.plane}" if case.scene.plane else "in space"

@@ -348,7 +348,8 @@ def energy_balance(result: xr.Dataset) -> dict[str, np.ndarray]:
     bonds took ``fracture`` of it with them; ``relaxation`` is the rest, lost as the body fell into new equilibria.
 
     With inertia the body also holds ``kinetic`` energy, ``damping`` took its part of what is dissipated, and there is
-    nothing to fall into: in place of ``relaxation``, the rest is ``error``.
+    nothing to fall into: in place of ``relaxation``, the rest is ``error``. With a user material ``plastic`` and
+    ``creep`` are what it says that it dissipates, and the rest is ``error`` too: by the length of the load steps.
     """
     needed = ("external_work", "elastic_energy")
     if any(name not in result for name in needed):
@@ -367,6 +368,16 @@ def energy_balance(result: xr.Dataset) -> dict[str, np.ndarray]:
             "damping": damping,
             "dissipated": dissipated,
             "error": dissipated - fracture - damping,
+        }
+    if "plastic_dissipation" in result:
+        plastic, creep = result["plastic_dissipation"].values, result["creep_dissipation"].values
+        return {
+            "work": work,
+            "elastic": result["elastic_energy"].values,
+            "plastic": plastic,
+            "creep": creep,
+            "dissipated": dissipated,
+            "error": dissipated - plastic - creep,
         }
     return {
         "work": work,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,7 +24,9 @@ SINGLE = {"damage", "coverage"}
 CHECKPOINT = ".checkpoint"
 #: What that of a result that stops early has: nothing that looks for results by their ending takes it for one.
 INCOMPLETE = ".incomplete"
-COORDINATES = ("time", "node_x", "node_y", "node_z", "history_time", "component")
+COORDINATES = ("time", "node_x", "node_y", "node_z", "history_time", "component", "entry")
+#: Components of a stress, by their number.
+ENTRIES = {3: ["11", "22", "12"], 4: ["11", "22", "33", "12"], 6: ["11", "22", "33", "12", "13", "23"]}
 
 
 @dataclass(frozen=True)
@@ -71,8 +74,13 @@ class Recorder:
         """Note the bonds that broke at a time."""
         self.broken.append((np.asarray(i), np.asarray(j), time))
 
-    def contents(self, discretization: Discretization, attributes: dict[str, Any]) -> Contents:
-        """Assemble everything, with units, long names and coordinates."""
+    def contents(
+        self, discretization: Discretization, attributes: dict[str, Any], units: Mapping[str, str] | None = None
+    ) -> Contents:
+        """Assemble everything, with units, long names and coordinates.
+
+        ``units`` are those of variables whose declaration leaves them to the scene.
+        """
         d = discretization
         data: dict[str, np.ndarray] = {
             "time": np.array(self.times),
@@ -93,7 +101,10 @@ class Recorder:
         variables = {}
         for name, values in data.items():
             field = field_of(name)
-            variables[name] = Variable(field.dims, values, {"units": field.unit, "long_name": field.long_name})
+            unit = (units or {}).get(name, field.unit)
+            variables[name] = Variable(field.dims, values, {"units": unit, "long_name": field.long_name})
+        if "stress" in data:
+            variables["entry"] = Variable(("entry",), ENTRIES[data["stress"].shape[-1]])
         variables["component"] = Variable(("component",), ["x", "y", "z"][: d.dimension])
         sets = {name: nodes.tolist() for name, nodes in d.node_sets.items() if name != "all"}
         return Contents(variables, {**attributes, "node_sets": json.dumps(sets)})

@@ -41,6 +41,7 @@ from pdhe.scene_checks import check_scene, reserved_names
 from pdhe.scene_fields import Block, choice
 from pdhe.scene_history import PiecewiseLinear
 from pdhe.scene_reading import material_mapping, override, read_scene_file, reporting
+from pdhe.scene_umat import find_files
 from pdhe.units import round15
 
 __all__ = [
@@ -199,6 +200,7 @@ def load_scene(
         if isinstance(raw.get("material"), str):
             raw["material"] = material_mapping(file, raw["material"], materials_dir, Material)
     fill_in(raw, file)
+    find_files(raw, file)
     with reporting(file, raw, tuple(overrides or ())):
         return Scene.model_validate(raw)
 
@@ -213,6 +215,9 @@ def scene_json_schema() -> dict[str, Any]:
     schema["required"].remove("mesh")
     schema["$defs"]["Mesh"]["required"].remove("spacing")
     schema["$defs"]["Hydrogen"]["properties"]["saturation"]["anyOf"].append({"const": "off"})
+    states = schema["$defs"]["Umat"]["properties"]["states"]
+    states["items"] = {"anyOf": [states["items"], {"type": "string"}]}
+    schema["$defs"]["Umat"]["properties"]["states"] = {"anyOf": [{"type": "integer", "minimum": 0}, states]}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "pdhe scene",

@@ -16,6 +16,7 @@ from pdhe.scene_history import (
     TractionHistory,
     VelocityHistory,
 )
+from pdhe.scene_umat import Umat
 from pdhe.units import round15
 
 MAX_OUTPUTS = 10_000
@@ -251,7 +252,8 @@ class Orthotropic(Block):
 class Material(Block):
     """Material data; `source` says where each value comes from.
 
-    With ``orthotropic``, Young's modulus and Poisson's ratio are those of the axes 1 and 12.
+    With ``orthotropic``, Young's modulus and Poisson's ratio are those of the axes 1 and 12. With ``umat``, stresses
+    are those of a compiled routine, and both only resist what no deformation gradient sees.
     """
 
     name: fields.Text = "unnamed"
@@ -263,6 +265,7 @@ class Material(Block):
     diffusivity: fields.Diffusivity | None = None
     saturation_concentration: fields.SaturationConcentration | None = None
     orthotropic: Orthotropic | None = None
+    umat: Umat | None = None
     source: dict[str, fields.Text] = Field(default_factory=dict)
 
     @field_validator("source", mode="after")

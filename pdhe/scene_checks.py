@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from pdhe import scene_solid as solid
 from pdhe.scene_fields import problem
 from pdhe.scene_mirrors import Segment, check_symmetry, edge_segments, mirror_levels, mirrors_through
+from pdhe.scene_umat import check_umat
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -61,6 +62,7 @@ def check_scene(scene: "Scene") -> None:
     check_symmetry(scene)
     _check_loads(scene)
     _check_dynamics(scene)
+    check_umat(scene)
     _check_coverage(scene)
 
 

@@ -19,6 +19,7 @@ from pdhe.damage import Candidates, nearest_failure
 from pdhe.discretization import Discretization, discretize
 from pdhe.errors import PdheError, SimulationError
 from pdhe.forecast import Pilot, check_memory, make_forecast, pilot_scene
+from pdhe.histories import energies, node_fields, units_of
 from pdhe.kernels import threads_for
 from pdhe.mesh import make_mesh
 from pdhe.plan import make_plan
@@ -201,7 +202,8 @@ def _simulate(case: Case, log: Progress = _silent, keeper: Keeper | None = None)
             text = f"{_where(run)}: {error}{_likely_reason(case, error.node) if INDEFINITE not in str(error) else ''}"
             raise Unfinished(text, error.node, _last_good(run, f"incomplete: {text}")) from error
         status = "complete" if not run.runaways else "complete; crack ran away: " + "; ".join(run.runaways)
-        return run.recorder.contents(case.discretization, {"title": case.scene.title, "status": status})
+        attributes = {"title": case.scene.title, "status": status}
+        return run.recorder.contents(case.discretization, attributes, units_of(case.scene))
 
 
 def _where(run: Run) -> str:
@@ -219,7 +221,7 @@ def _where(run: Run) -> str:
 
 def _likely_reason(case: Case, node: int | None) -> str:
     """Say what is special about the node at which an equilibrium was not found."""
-    if node is None or case.body is None:
+    if node is None or case.body is None or case.history is not None:
         return ""
     solver = case.equilibrium
     if solver.max_iterations < FEW:
@@ -246,7 +248,8 @@ def _last_good(run: Run, status: str) -> Contents:
         if recorder.times[-2:-1] == [state.time]:  # what broke since then counts
             for values in (recorder.times, *recorder.snapshots.values()):
                 del values[-2]
-    return recorder.contents(run.case.discretization, {"title": run.case.scene.title, "status": status})
+    attributes = {"title": run.case.scene.title, "status": status}
+    return recorder.contents(run.case.discretization, attributes, units_of(run.case.scene))
 
 
 def _begin(case: Case) -> Run:
@@ -276,7 +279,9 @@ def start(case: Case) -> State:
     state = State(crack_tip=np.full(axes, np.nan))
     if case.equilibrium is not None:
         state.displacement, state.force = np.zeros((n, axes)), np.zeros((n, axes))
-        u, force = case.equilibrium.solve(state.displacement, case.conditions.values(0.0))
+        u, force = state.displacement, state.force
+        if case.history is None:  # a history begins with the first increment
+            u, force = case.equilibrium.solve(u, case.conditions.values(0.0))
         # A load that is on from the start counts as applied slowly before it: the work of a proportional ramp.
         moves.move_to(case, state, moves.Motion(0.0, 0.0, u, u, force, force), 0.0)
     if case.dynamics is not None:
@@ -378,7 +383,8 @@ def _step_fixed(run: Run, log: Progress, offer: Callable[[Run], None]) -> None:
         output = bool(pending) and t >= pending[0] * (1.0 - 1e-12)
         while pending and t >= pending[0] * (1.0 - 1e-12):
             pending.pop(0)
-        if failed or output:
+        # What yields has a history worth knowing in every step.
+        if failed or output or case.history is not None:
             record(case, state, recorder, snapshot=output)
         if output:
             log(_progress_line(case, state))
@@ -494,8 +500,12 @@ def record(case: Case, state: State, recorder: Recorder, snapshot: bool) -> None
         work = case.equilibrium.work
         row |= case.conditions.reactions(state.force)
         row |= {f"applied_{p.on}_{'xyz'[p.component]}": p.value(state.time) for p in case.conditions.prescribed}
-        # In equilibrium of a linear body: half the work of the forces that hold it, without another sweep.
-        row["elastic_energy"] = -0.5 * case.copies * float(np.sum(state.force * state.displacement))
+        if case.history is None:
+            # In equilibrium of a linear body: half the work of the forces that hold it, without another sweep.
+            row["elastic_energy"] = -0.5 * case.copies * float(np.sum(state.force * state.displacement))
+        else:
+            row |= energies(case.history, state.displacement, case.copies)
+            fields |= node_fields(case.scene, case.history)
         row["external_work"] = state.external_work
         row |= {
             "equilibrium_solves": work.equilibrium_solves,

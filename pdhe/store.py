@@ -18,6 +18,7 @@ from pdhe.wholefile import PART, intact
 from pdhe.yamlfile import read_yaml
 
 _STAGES = {"mesh": ".msh", "nodes": ".nc", "solve": ".nc"}
+_LIBRARIES = {"umat": ".so"}
 
 
 def stored(results: Path) -> list[Path]:
@@ -112,8 +113,9 @@ def unused(results: Path, studies: Iterable[str | Path]) -> list[Path]:
         names.setdefault(case.study, set()).add(case.name)
     kept = {"mesh": {case.mesh_id for case in cases}, "solve": {case.solve_id for case in cases}}
     kept["nodes"] = kept["mesh"]
+    kept["umat"] = {case.user_material[0] for case in cases if case.user_material}
     found = []
-    for stage, ending in _STAGES.items():
+    for stage, ending in {**_STAGES, **_LIBRARIES}.items():
         for path in sorted((results / "store" / stage).glob("*")):
             part = PART.fullmatch(path.name)
             if path.suffix in (CHECKPOINT, INCOMPLETE):

@@ -30,6 +30,7 @@ from typing import Any
 from pdhe.errors import SceneError
 from pdhe.provenance import canonical, digest
 from pdhe.scene import load_scene
+from pdhe.scene_umat import identity_of
 from pdhe.yamlfile import find_file, is_file, read_yaml
 
 STUDY_KEYS = ("name", "scene", "set", "sweep", "cases", "figures")
@@ -67,7 +68,7 @@ UNTOLD = ("title", "outputs.times")
 SPEC_LIMIT = 100_000
 """Longest description of a stage in bytes; it travels on a command line, where one argument may hold 128 kB."""
 
-RESERVED = ("store", "verification", "benchmarks", "tradeoff", "extremes")
+RESERVED = ("store", "verification", "benchmarks", "tradeoff", "extremes", "umat")
 """Folders of results that belong to no study."""
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._=+-]*")
@@ -112,7 +113,18 @@ class Case:
     def _solve(self) -> dict[str, Any]:
         spec = {key: value for key, value in self.resolved.items() if key != "title"}
         spec["material"] = {key: value for key, value in spec["material"].items() if key != "source"}
+        if "umat" in spec["material"]:
+            spec["material"]["umat"] = identity_of(spec["material"]["umat"])
         return spec
+
+    @property
+    def user_material(self) -> tuple[str, str] | None:
+        """Name of the compiled user material of this case and the file it comes from; None where it has none."""
+        umat = self.resolved["material"].get("umat")
+        if umat is None or "loads" not in self.resolved:
+            return None
+        file = umat.get("source") or umat["library"]
+        return f"{slug(Path(file).name).replace('.', '_')}-{umat['content']}", file
 
     @property
     def _mesh_slug(self) -> str:

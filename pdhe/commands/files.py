@@ -10,8 +10,10 @@ from pdhe.errors import PdheError
 
 def validate(arguments: argparse.Namespace) -> None:
     """Check scene and study files; every file is checked, also after an error in one of them."""
+    from pdhe.commands.steps import try_user_material
     from pdhe.fidelity import leaves_spacing_to_accuracy
-    from pdhe.scene import load_scene
+    from pdhe.provenance import canonical
+    from pdhe.scene import Scene, load_scene
     from pdhe.study import load_study
     from pdhe.yamlfile import read_yaml
 
@@ -29,12 +31,18 @@ def validate(arguments: argparse.Namespace) -> None:
                 runs = sum(len(list(trade.runs())) for trade in load_design(file).values())
                 print(f"{file}: design with {runs} runs")
             elif isinstance(content, dict) and "study" in content:
-                print(f"{file}: study with {len(load_study(file).cases)} case(s)")
+                study = load_study(file)
+                for case in {canonical(case.resolved["material"]): case for case in study.cases}.values():
+                    if case.user_material is not None:
+                        try_user_material(Scene.from_resolved(case.resolved), case.scene)
+                print(f"{file}: study with {len(study.cases)} case(s)")
             elif isinstance(content, dict) and leaves_spacing_to_accuracy(content):
                 scene = load_scene(file, {"accuracy": None, "fidelity": "fine"})
                 print(f"{file}: scene '{scene.title}', settings left to its accuracy")
             else:
-                print(f"{file}: scene '{load_scene(file).title}'")
+                scene = load_scene(file)
+                try_user_material(scene, str(file))
+                print(f"{file}: scene '{scene.title}'")
         except PdheError as error:
             if len(arguments.files) == 1:
                 raise

@@ -38,7 +38,9 @@ def solve(arguments: argparse.Namespace) -> None:
     from pdhe.simulation import solve_case
 
     out = ready(arguments.out)
-    scene = Scene.from_resolved({"title": out.stem, **read_object(arguments.spec, "--spec")})
+    spec = read_object(arguments.spec, "--spec")
+    _place_user_material(spec, arguments.umat)
+    scene = Scene.from_resolved({"title": out.stem, **spec})
     # The scene itself stands in the result.
     command = shlex.join(["pdhe", "solve", "--spec", "SCENE", "--nodes", str(arguments.nodes), "--out", str(out)])
     solve_case(scene, read_discretization(arguments.nodes), out, progress, command, _estimated(scene))
@@ -54,6 +56,7 @@ def run(arguments: argparse.Namespace) -> None:
     out = ready(arguments.out)
     changes, remarks = _chosen(arguments.scene)
     scene = load_scene(arguments.scene, changes)
+    try_user_material(scene, str(arguments.scene))
     mesh_file = out.with_suffix(".msh")
     make_mesh(scene.geometry, scene.mesh, mesh_file)
     command = shlex.join(["pdhe", "run", str(arguments.scene), "--out", str(out)])
@@ -83,6 +86,7 @@ def plan(arguments: argparse.Namespace) -> None:
     from pdhe.tradeoff.choose import estimate
 
     scene = load_scene(arguments.scene, _chosen(arguments.scene)[0])
+    try_user_material(scene, str(arguments.scene))
     with tempfile.TemporaryDirectory() as folder:
         mesh_file = Path(folder, "plan.msh")
         make_mesh(scene.geometry, scene.mesh, mesh_file)
@@ -101,6 +105,27 @@ def plan(arguments: argparse.Namespace) -> None:
     told = ", ".join(f"{name} {100.0 * error:.2g} %" for name, error in errors.items())
     why = "not estimated on graded meshes (docs/limits.md)" if scene.mesh.refine else "not estimated (docs/tradeoff.md)"
     print(f"expected error of the mesh: {told or why}")
+
+
+def try_user_material(scene: Any, file: str) -> None:
+    """Compile, load and try the user material of a scene, if it has one, before anything else is done."""
+    if scene.material.umat is not None and scene.loads is not None:
+        from pdhe.histories import user_material
+
+        user_material(scene, file)
+
+
+def _place_user_material(spec: dict[str, Any], library: Path | None) -> None:
+    """Say in a resolved scene where its compiled user material lies, in place: identities leave that out."""
+    material = spec.get("material")
+    umat = material.get("umat") if isinstance(material, dict) else None
+    if not isinstance(umat, dict):
+        return
+    if library is not None:
+        umat.pop("source", None)
+        umat["library"] = str(library)
+    elif "source" not in umat and "library" not in umat:
+        raise PdheError("--spec has a user material: give its compiled library as `--umat`")
 
 
 def _chosen(scene: Path) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -13,8 +13,15 @@ _COMPONENTS = ("11", "22", "33", "12", "13", "23")
 def umat_build(arguments: argparse.Namespace) -> None:
     """Compile an Abaqus user material (.c, .f, .for, .f90)."""
     from pdhe.materials.umat import build
+    from pdhe.scene_umat import content_of
     from pdhe.wholefile import copy
 
+    if (
+        arguments.content is not None
+        and arguments.source.is_file()
+        and content_of(arguments.source) != arguments.content
+    ):
+        raise PdheError(f"{arguments.source}: has changed since it was planned to compile it; give the command again")
     library = build(arguments.source)
     if arguments.out is None:
         print(library)

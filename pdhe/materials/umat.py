@@ -27,6 +27,7 @@ from pdhe.errors import PdheError, SimulationError
 from pdhe.kernels import umat as kernels
 from pdhe.kernels.jit import as_float
 from pdhe.provenance import digest
+from pdhe.scene_umat import content_of
 from pdhe.wholefile import moved_when_whole
 
 #: Stress components by what is assumed across the plate; None is a solid.
@@ -57,7 +58,8 @@ def build(source: Path, folder: Path | None = None) -> Path:
     source
         ``.c``, ``.f``, ``.for`` (fixed form) or ``.f90`` (free form). ``ABA_PARAM.INC`` and ``XIT`` are there.
     folder
-        Where libraries are kept, by the digest of source, compiler and options; the user's cache when None.
+        Where libraries are kept, by the digest of source, files that it includes, compiler and options; the user's
+        cache when None.
 
     Returns
     -------
@@ -75,13 +77,13 @@ def build(source: Path, folder: Path | None = None) -> Path:
     variable, names, options = COMPILERS[source.suffix.lower()]
     compiler = _compiler(source, variable, names)
     try:
-        text = source.read_bytes()
+        text = content_of(source)
         version = subprocess.run([*compiler, "--version"], capture_output=True, check=False).stdout
     except OSError as error:
         raise PdheError(f"{source}: cannot be compiled: {error}") from error
     if folder is None:
         folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "pdhe" / "umat"
-    key = digest([text.hex(), version.hex(), *compiler, *options, _HEADER, _SHIM], 32)
+    key = digest([text, version.hex(), *compiler, *options, _HEADER, _SHIM], 32)
     library = Path(folder) / f"{key}.so"
     if library.is_file():
         return library
@@ -317,6 +319,12 @@ class UserPoints:
         self._trial = None
         self.time += self._length
         self.increments += 1
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the history, of one trial beside it, and of the tangents, bytes."""
+        kept = sum(array.nbytes for array in (self.gradient, self.stress, self.state, self.energy))
+        return 2 * kept + self.tangent.nbytes
 
     def history(self) -> tuple:
         """All that later increments depend on; :meth:`recall` takes it."""

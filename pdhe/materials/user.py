@@ -53,6 +53,10 @@ class UserBody(CorrespondenceBody):
         )  # fmt: skip
         return out + self.share * self.volume * self.points.energy[:, 0]
 
+    def dissipation(self) -> np.ndarray:
+        """Plastic and creep dissipation of each node up to the last committed step, J (n, 2): SPD and SCD."""
+        return (self.share * self.volume)[:, None] * self.points.energy[:, 1:]
+
     def tangent(self) -> CorrespondenceBody:
         """Return the linear body of small changes about the last trial: DDSDDE, its symmetric part, at every node."""
         return _Tangent(self)

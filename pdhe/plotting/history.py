@@ -137,6 +137,8 @@ def _energies(result: xr.Dataset) -> Curves | None:
     if "kinetic" in balance:
         shown = ("work", "elastic", "kinetic", *(("fracture",) if "fracture_energy" in result else ()))
         shown += ("damping",) if balance["damping"].any() else ()
+    if "plastic" in balance:
+        shown += ("plastic", *(("creep",) if balance["creep"].any() else ()))
     names = {"fracture": "broken bonds"}
     return _scaled("energy", "J", {names.get(name, name): balance[name] for name in shown})
 

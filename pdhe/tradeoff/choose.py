@@ -145,9 +145,10 @@ def estimate(scene: Scene, progress: Progress | None = None) -> dict[str, float]
 def has_limit(scene: Scene) -> bool:
     """Tell whether the answer of a scene settles as the mesh is refined, at an order that has been measured.
 
-    Not where fresh crack faces are saturated, and not known with inertia or where Young's modulus differs by place.
+    Not where fresh crack faces are saturated, and not known with inertia, where Young's modulus differs by place, or
+    for user materials.
     """
-    if scene.stepping.mode == "dynamic" or scene.mechanics.regions:
+    if scene.stepping.mode == "dynamic" or scene.mechanics.regions or scene.material.umat is not None:
         return False
     return scene.damage is None or scene.hydrogen is None or scene.hydrogen.saturation is None
 

@@ -14,6 +14,7 @@ from pdhe.errors import PdheError
 from pdhe.extremes.registry import EXTREMES
 from pdhe.needs import Needs, needs_of
 from pdhe.provenance import canonical, digest, fingerprint
+from pdhe.scene_umat import SOURCES as UMAT_SOURCES
 from pdhe.study import load_aside, load_studies
 from pdhe.tradeoff.design import load_trades
 from pdhe.verification.studies import load_checks
@@ -73,6 +74,7 @@ ALL = STUDIES | ASIDE
 CASES = {(study.name, case.name): case for study in ALL.values() for case in study.cases}
 MESHES = {case.mesh_id: case for case in CASES.values()}
 SOLVES = {case.solve_id: case for case in CASES.values()}
+USER_MATERIALS = dict(case.user_material for case in CASES.values() if case.user_material)
 
 # Jobs find the programs of this environment, whether or not it is activated. In a large study that runs on this
 # machine, they share processes in which everything is imported already.
@@ -139,6 +141,14 @@ def solve_spec(wildcards):
 
 def nodes_of(wildcards):
     return f"results/store/nodes/{SOLVES[wildcards.solve_id].mesh_id}.nc"
+
+
+def library_of(wildcards):
+    """The compiled user material of a case: made from its source, or as the scene gives it."""
+    material = SOLVES[wildcards.solve_id].user_material
+    if material is None:
+        return []
+    return f"results/store/umat/{material[0]}.so" if material[1].endswith(UMAT_SOURCES) else material[1]
 
 
 def result_of(wildcards):

@@ -1,4 +1,4 @@
-"""User materials: a compiled library for every source in config/umat."""
+"""User materials: a compiled library for every source in config/umat, and for every source that a scene names."""
 
 UMATS = {
     os.path.splitext(name)[0] + os.path.splitext(name)[1].replace(".", "_"): f"{folder}/{name}"
@@ -26,3 +26,23 @@ rule user_material:
         code=fingerprint("pdhe.materials.umat"),
     shell:
         "python -m pdhe umat-build {input:q} --out {output:q} > {log:q} 2>&1"
+
+
+rule scene_material:
+    input:
+        lambda wildcards: USER_MATERIALS[wildcards.umat_id],
+    output:
+        "results/store/umat/{umat_id}.so",
+    log:
+        "logs/umat/{umat_id}.log",
+    benchmark:
+        "logs/benchmark/umat/{umat_id}.tsv"
+    wildcard_constraints:
+        umat_id="|".join(map(re.escape, USER_MATERIALS)) or "(?!)",
+    conda:
+        "../envs/pdhe.yaml"
+    params:
+        content=lambda wildcards: wildcards.umat_id.rpartition("-")[2],
+        code=fingerprint("pdhe.materials.umat"),
+    shell:
+        "python -m pdhe umat-build {input:q} --content {params.content:q} --out {output:q} > {log:q} 2>&1"

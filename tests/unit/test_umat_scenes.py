@@ -1,0 +1,370 @@
+"""Scenes with compiled user materials: closed forms, histories in results, identity, and what goes wrong beforehand."""
+
+import json
+import shutil
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from pdhe import cli
+from pdhe.benchmarks.problems import lattice_nodes
+from pdhe.case import build_case
+from pdhe.discretization import write_discretization
+from pdhe.errors import SceneError
+from pdhe.histories import user_material
+from pdhe.materials.umat import COMPILERS, UserMaterial, UserPoints, build, drive
+from pdhe.netcdf import read_netcdf
+from pdhe.plan import make_plan
+from pdhe.provenance import canonical
+from pdhe.results import open_result
+from pdhe.scene import Scene, load_scene
+from pdhe.scene_umat import SOURCES, content_of
+from pdhe.simulation import simulate
+from pdhe.study import load_study
+
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "config/scenes/plastic_hole.yaml"
+YOUNG, NU, YIELD, HARDENING = 200e9, 0.3, 250e6, 2e9
+#: Strains of a bar at the end of equal steps: elastic, yielding, unloading, yielding the other way.
+PATH = np.array([1e-3, 2e-3, 4e-3, 6e-3, 4e-3, 2e-3, -1e-3, -4e-3])
+J2 = {"source": "config/umat/j2.c", "properties": [YOUNG, NU, YIELD, HARDENING], "states": ["plastic_strain"]}
+ELASTIC = {"source": "config/umat/elastic.c", "name": "ELASTIC", "properties": [YOUNG, NU]}
+
+if shutil.which("cc") is None:
+    pytest.skip("no cc here", allow_module_level=True)
+
+
+@pytest.fixture(autouse=True)
+def kept(tmp_path_factory, monkeypatch):
+    """Libraries of these tests lie in a folder of their own, and the paths of sources are those of the project."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "cache"))
+    monkeypatch.chdir(ROOT)
+
+
+def bar(umat, height=8, width=4, path=PATH, **changes):
+    """A bar in plane strain whose ends are moved along y; strains of the whole at equal steps."""
+    length = height * 1e-3
+    times = {f"{k} s": f"{float(strain * length)!r} m" for k, strain in enumerate([0.0, *path])}
+    scene = {
+        "geometry": {"plate": {"width": f"{width} mm", "height": f"{height} mm", "thickness": "1 mm"}},
+        "mesh": {"spacing": "1 mm"},
+        "horizon": {"ratio": 1.515},
+        "material": {"youngs_modulus": "200 GPa", "poissons_ratio": NU, **({"umat": umat} if umat else {})},
+        "mechanics": {"model": "correspondence", "plane": "strain"},
+        "loads": [
+            {"on": "top", "displacement": {"y": times}},
+            {"on": "bottom", "displacement": {"x": "0 m", "y": "0 m"}},
+        ],
+        "time": {"end": f"{len(path)} s"},
+        "stepping": {"mode": "fixed", "load_steps": len(path), "diffusion_substeps": 1},
+        "solver": {"tolerance": 1e-10},
+        "outputs": {"count": len(path)},
+    }  # fmt: skip
+    for key, value in changes.items():
+        place, *parents, last = scene, *key.split("__")
+        for part in parents:
+            place = place[part]
+        place[last] = value
+    return scene
+
+
+def loaded(scene, folder):
+    file = Path(folder, "scene.yaml")
+    file.write_text(yaml.safe_dump(scene, sort_keys=False))
+    return load_scene(file)
+
+
+def run(scene):
+    return simulate(build_case(scene, lattice_nodes(scene)))
+
+
+def uniaxial_strain(path):
+    """Stresses along and across, and plastic strain, where nothing moves across: the deviator is a bar of 2 G."""
+    shear, bulk = YOUNG / (2 + 2 * NU), YOUNG / (3 - 6 * NU)
+    plastic, total, found = 0.0, 0.0, []
+    for strain in path:
+        trial = 2 * shear * strain - 3 * shear * plastic
+        more = max(abs(trial) - YIELD - HARDENING * total, 0.0) / (3 * shear + HARDENING)
+        plastic, total = plastic + np.sign(trial) * more, total + more
+        mises = 2 * shear * strain - 3 * shear * plastic
+        found.append((bulk * strain + 2 / 3 * mises, bulk * strain - mises / 3, total))
+    return np.array(found).T
+
+
+@pytest.mark.parametrize("plane", ["strain", "stress"])
+def test_an_elastic_user_material_gives_the_result_that_is_built_in(plane, tmp_path):
+    changes = {"mechanics__plane": plane, "solver__tolerance": 1e-13, "horizon__ratio": 3.015}
+    given, built_in = (run(loaded(bar(umat, path=[1e-3, 2e-3], **changes), tmp_path)) for umat in (ELASTIC, None))
+    assert np.abs(built_in["displacement"]).max() > 1e-5
+    for name in ("displacement", "reaction_top_y", "reaction_bottom_x", "elastic_energy", "external_work"):
+        expected = built_in[name].values
+        scale = np.abs(built_in[name.replace("bottom_x", "top_y")]).max()
+        # Measured 3e-14: what the solvers leave at a residual of 1e-13.
+        assert np.abs(given[name].values - expected).max() <= 1e-12 * scale, name
+    assert not given["plastic_dissipation"].any() and "state_plastic_strain" not in given
+
+
+def test_a_plate_yields_and_unloads_by_its_closed_form(tmp_path):
+    # Two by two nodes, all of them held: the strain is the same everywhere, and nothing else decides on the stress.
+    scene = bar(J2, height=2, width=2)
+    scene["loads"].append({"on": "top", "displacement": {"x": "0 m"}})
+    result = run(loaded(scene, tmp_path))
+    along, across, total = uniaxial_strain(PATH)
+    assert total[-1] > total[3] == total[4] > 0.0
+    stress = result["stress"][1:]
+    # Measured 2e-15.
+    for entry, expected in (("22", along), ("11", across), ("33", across)):
+        np.testing.assert_allclose(stress.sel(entry=entry), np.tile(expected[:, None], 4), rtol=1e-12)
+    np.testing.assert_allclose(result["state_plastic_strain"][1:], np.tile(total[:, None], 4), rtol=1e-12)
+    assert result["state_plastic_strain"].attrs["units"] == "1" and result["stress"].attrs["units"] == "Pa"
+    # Plastic strain times the stress that it flows at, which grows in proportion to it.
+    lost = total * (YIELD + 0.5 * HARDENING * total) * float(result["volume"].sum())
+    np.testing.assert_allclose(result["plastic_dissipation"][1:], lost, rtol=1e-12)
+
+
+def test_a_bar_in_equilibrium_has_the_history_of_one_point(tmp_path):
+    scene = bar(J2, height=24, width=8)
+    # What resists zero-energy modes does not yield: at its usual strength the bar carries up to 5 % more.
+    scene["mechanics"]["zero_energy_strength"] = 0.1
+    result = run(loaded(scene, tmp_path))
+    # The strain that the middle of the bar really has; across it is free.
+    y = result["node_y"].values
+    middle = abs(y - 12e-3) < 2e-3
+    upper, lower = (middle & (y > 12e-3), middle & (y < 12e-3))
+    u = result["displacement"].values[1:, :, 1]
+    strains = np.zeros((len(PATH), 4))
+    strains[:, 1] = (u[:, upper].mean(axis=1) - u[:, lower].mean(axis=1)) / (y[upper].mean() - y[lower].mean())
+    material = UserMaterial(build(ROOT / J2["source"]), "MATERIAL", tuple(J2["properties"]), (0.0,), "strain")
+    points = UserPoints(material, np.zeros((1, 2)), np.ones(1))
+    expected, totals = [], []
+    for strain in strains:
+        expected.append(drive(points, strain, free=(0,))[0, 1, 1])
+        totals.append(points.state[0, 0])
+    found = result["stress"].sel(entry="22").values[1:, middle].mean(axis=1)
+    # Measured 1.8 % and 1.2 %: beside the free edges gradients see other things than in the middle.
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=0.03 * np.abs(expected).max())
+    total = result["state_plastic_strain"].values[1:, middle].mean(axis=1)
+    np.testing.assert_allclose(total, totals, rtol=0.0, atol=0.03 * max(totals))
+    # Forces through both ends are the same, and those through the middle.
+    top, bottom = (result[f"reaction_{end}_y"].values[1:] for end in ("top", "bottom"))
+    np.testing.assert_allclose(top, -bottom, rtol=0.0, atol=1e-8 * np.abs(top).max())
+    np.testing.assert_allclose(top / 8e-6, found, rtol=0.0, atol=0.03 * np.abs(found).max())
+
+
+def test_what_is_put_in_is_stored_or_lost_the_better_the_shorter_the_steps(tmp_path):
+    errors = []
+    for parts in (1, 4):
+        ends = [0.0, *PATH[:5]]
+        path = np.concatenate([np.linspace(a, b, parts + 1)[1:] for a, b in pairwise(ends)])
+        result = run(loaded(bar(J2, path=path), tmp_path))
+        left = (result["external_work"] - result["elastic_energy"] - result["plastic_dissipation"]).values[-1]
+        errors.append(abs(left) / float(result["external_work"].max()))
+    # Measured 3 % and 0.3 %: trapezia, second order.
+    assert errors[0] < 0.1 and errors[1] < 0.25 * errors[0]
+    assert result.sizes["step"] == len(path) + 1
+
+
+def test_the_plan_tells_of_the_history_and_of_corners_that_it_misses(tmp_path):
+    scene = loaded(bar(J2), tmp_path)
+    plan = make_plan(build_case(scene, lattice_nodes(scene)))
+    # 32 nodes: twice (4 + 4 + 1 + 3) numbers and a tangent of 16.
+    assert "user material: MATERIAL of j2.c, 4 properties, 1 state variable (plastic_strain [1])" in plan
+    assert f"history {32 * 8 * (2 * 12 + 16) / 1e6:.2g} MB" in plan
+    assert "warning" not in plan and "increments by Newton's method to 1e-10" in plan
+    missed = loaded(bar(J2, stepping__load_steps=12), tmp_path)
+    assert "loads turn between two load steps, at 1, 3, 5, 7 s" in make_plan(build_case(missed, lattice_nodes(missed)))
+
+
+def test_state_variables_have_names_units_and_values_at_the_start(tmp_path):
+    code = "for (int k = 0; k < 4; k++) { stress[k] += 1e11 * dstran[k]; ddsdde[5 * k] = 1e11; } statev[1] += *dtime;"
+    states = [{"name": "hardness", "unit": "MPa", "initial": "3 MPa"}, "age"]
+    own = write_source(tmp_path / "two.c", code)
+    result = run(loaded(bar({"source": own, "states": states}, path=[1e-3, 1e-3]), tmp_path))
+    assert result["state_hardness"].attrs["units"] == "MPa" and (result["state_hardness"] == 3e6).all()
+    np.testing.assert_array_equal(result["state_age"].values[:, 0], [0.0, 1.0, 2.0])
+    nameless = run(loaded(bar({"source": own, "states": 2}, path=[1e-3, 1e-3]), tmp_path))
+    np.testing.assert_array_equal(nameless["state_2"], result["state_age"])
+
+
+def write_source(path, code, symbol="umat_"):
+    names = (
+        "double *stress, double *statev, double *ddsdde, double *sse, double *spd, double *scd, double *rpl, "
+        "double *ddsddt, double *drplde, double *drpldt, double *stran, double *dstran, double *time, double *dtime, "
+        "double *temp, double *dtemp, double *predef, double *dpred, char *cmname, int *ndi, int *nshr, int *ntens, "
+        "int *nstatv, double *props"
+    )
+    path.write_text(f"void {symbol}({names}) {{ {code} }}\n")
+    return str(path)
+
+
+GOOD = "for (int k = 0; k < 4; k++) { stress[k] += 1e11 * dstran[k]; ddsdde[5 * k] = 1e11; }"
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "said"),
+    [
+        ({"source": "j3.c"}, "source", "is not a file (got 'j3.c'); give its path from where you start"),
+        ({"source": None, "library": "none.so"}, "library", "is not a file (got 'none.so')"),
+        ({"source": "config/scene.schema.json"}, "source", "cannot be compiled (got"),
+        ({"library": "some.so"}, "library", "is not a file"),
+        ({"source": None}, "", "needs either `source` or `library`"),
+        ({"content": "0123456789abcdef"}, "content", "is not that of config/umat/j2.c"),
+        ({"properties": "200 GPa"}, "properties", "must be a list"),
+        ({"properties": ["200 GPA"]}, "properties.0", "not a known unit"),
+        ({"properties": [True]}, "properties.0", "is not a number"),
+        ({"states": -1}, "states", "must be between 0 and 1000"),
+        ({"states": ["one", "one"]}, "states.1.name", "is listed twice"),
+        ({"states": ["with blank"]}, "states.0.name", "is not a usable name"),
+        ({"states": ["variables"]}, "states.0.name", "is not a usable name"),
+        ({"name": "1"}, "name", "is not the name of a material"),
+        ({"symbol": "a b"}, "symbol", "is not the name of a routine"),
+        ({"propertys": []}, "propertys", "did you mean `properties`?"),
+    ],
+)
+def test_a_bad_block_is_refused_when_the_scene_is_read(change, key, said, tmp_path):
+    umat = {name: value for name, value in {**J2, **change}.items() if value is not None}
+    with pytest.raises(SceneError) as error:
+        loaded(bar(umat), tmp_path)
+    assert error.value.key == f"material.umat.{key}".strip(".") and said in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        ({"mechanics__model": "condensed rotation"}, "mechanics.model"),
+        ({"mesh__cells": "hexahedron", "geometry__plate__thickness": "4 mm", "mechanics": {"model": "correspondence"}},
+         "mesh.cells"),
+        ({"material__orthotropic": {"youngs_modulus_2": "9 GPa", "shear_modulus_12": "4 GPa"},
+          "mechanics": {"model": "correspondence"}}, "material.orthotropic"),
+        ({"solver__precision": "single"}, "solver.precision"),
+        ({"accuracy": "1 %"}, "accuracy"),
+        ({"stepping": {"mode": "events"}}, "stepping.mode"),
+        ({"time__end": "0 s"}, "time.end"),
+        ({"damage": {}, "material__critical_energy_release_rate": "1 kJ/m^2"}, "damage"),
+        ({"hydrogen": {"initial": 0.5}, "material__diffusivity": "1e-9 m^2/s"}, "hydrogen"),
+        ({"loads": [{"on": "top", "displacement": {"y": "0.01 mm"}}]}, "loads.0.displacement.y"),
+        ({"geometry__symmetry": ["left"]}, "geometry.symmetry"),
+    ],
+)  # fmt: skip
+def test_what_user_materials_do_not_go_with_is_refused(change, key, tmp_path):
+    with pytest.raises(SceneError) as error:
+        loaded(bar(J2, **change), tmp_path)
+    assert error.value.key == key and error.value.hint
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "said"),
+    [
+        ({"symbol": "umat"}, "symbol", "has no routine 'umat' (got 'umat'); it has 'umat_'"),
+        ({"properties": [YOUNG]}, "properties", "needs 4 properties"),
+        ({"properties": [YOUNG, NU, YIELD, HARDENING, 1.0]}, "properties", "needs 4 properties"),
+        ({"states": 3}, "properties", "1 state variable and NDI = 3, not 4, 3 and 3"),
+        ({"properties": [-YOUNG, NU, YIELD, HARDENING]}, "properties", "DDSDDE that is not positive"),
+    ],
+)
+def test_a_routine_is_tried_before_anything_runs(change, key, said, tmp_path):
+    scene = loaded(bar({**J2, **change}), tmp_path)
+    with pytest.raises(SceneError) as error:
+        user_material(scene, "scene.yaml")
+    assert error.value.key == f"material.umat.{key}" and error.value.file == "scene.yaml"
+    assert said in str(error.value)
+    with pytest.raises(SceneError):
+        build_case(scene, lattice_nodes(scene))
+
+
+def test_no_compiler_a_bad_source_and_a_bad_library_are_said(tmp_path, monkeypatch, capsys):
+    own = Path(write_source(tmp_path / "own.c", GOOD))
+    scene = bar({"source": str(own)})
+    file = tmp_path / "scene.yaml"
+
+    def refused(scene):
+        file.write_text(yaml.safe_dump(scene))
+        assert cli.main(["run", str(file), "--out", str(tmp_path / "run.nc")]) == 1
+        # Before anything: there is not even a mesh.
+        assert not list(tmp_path.glob("run.*"))
+        return capsys.readouterr().err
+
+    with monkeypatch.context() as patch:
+        patch.setenv("CC", "no-such-compiler")
+        said = refused(scene)
+    assert "scene.yaml: key 'material.umat.source': no compiler for it (no-such-compiler)" in said
+    assert "install one, name it in CC, or give a compiled library" in said
+    own.write_text("void umat_( { }\n")
+    assert "does not compile it" in refused(scene) and "own.c" in said
+    own.with_suffix(".so").write_text("no library\n")
+    said = refused(bar({"library": str(own.with_suffix(".so"))}))
+    assert "key 'material.umat.library': cannot be loaded" in said
+    write_source(own, GOOD, "material")
+    said = refused(scene)
+    assert "key 'material.umat.symbol': has no routine 'umat_' (got 'umat_')" in said
+
+
+def test_a_source_that_changes_after_the_scene_was_read_is_refused(tmp_path):
+    own = Path(write_source(tmp_path / "own.c", GOOD))
+    scene = loaded(bar({"source": str(own)}), tmp_path)
+    user_material(scene)
+    own.write_text(own.read_text() + "\n")
+    with pytest.raises(SceneError, match="has changed since the scene was read"):
+        user_material(scene)
+    assert cli.main(["umat-build", str(own), "--content", scene.material.umat.content, "--out", "none.so"]) == 1
+
+
+def test_endings_are_those_that_have_compilers():
+    assert set(SOURCES) == set(COMPILERS)
+
+
+def test_a_solution_is_known_by_the_content_of_its_material(tmp_path):
+    own = Path(write_source(tmp_path / "own.c", f'#include "law.h"\n{GOOD}'.partition("\n")[2]))
+    own.write_text('#include "law.h"\n' + own.read_text())
+    (tmp_path / "law.h").write_text("/* one */\n")
+
+    def identity(path=own):
+        (tmp_path / "scene.yaml").write_text(yaml.safe_dump(bar({"source": str(path)})))
+        (tmp_path / "study.yaml").write_text(json.dumps({"study": {"scene": str(tmp_path / "scene.yaml")}}))
+        (case,) = load_study(tmp_path / "study.yaml").cases
+        assert case.user_material[1] == str(path) and str(tmp_path) not in case.solve_spec
+        assert case.user_material[0].endswith(content_of(path)) and case.user_material[0].startswith("own_c-")
+        return case.solve_id
+
+    first = identity()
+    (tmp_path / "elsewhere").mkdir()
+    for name in ("own.c", "law.h"):
+        shutil.copy(tmp_path / name, tmp_path / "elsewhere" / name)
+    assert identity(tmp_path / "elsewhere/own.c") == first
+    (tmp_path / "law.h").write_text("/* two */\n")
+    second = identity()
+    own.write_text(own.read_text() + "/* another */\n")
+    assert len({first, second, identity()}) == 3
+
+
+def test_the_steps_of_the_workflow_give_what_a_run_gives(tmp_path, capsys):
+    scene = loaded(bar(J2, path=PATH[:4]), tmp_path)
+    (tmp_path / "study.yaml").write_text(json.dumps({"study": {"scene": str(tmp_path / "scene.yaml")}}))
+    (case,) = load_study(tmp_path / "study.yaml").cases
+    nodes, out, library = tmp_path / "nodes.nc", tmp_path / f"{case.solve_id}.nc", tmp_path / "made.so"
+    write_discretization(lattice_nodes(scene), nodes)
+    name, source = case.user_material
+    assert cli.main(["umat-build", source, "--content", name.rpartition("-")[2], "--out", str(library)]) == 0
+    words = ["solve", "--spec", case.solve_spec, "--nodes", str(nodes), "--out", str(out)]
+    assert cli.main(words) == 1
+    assert "`--umat`" in capsys.readouterr().err
+    assert cli.main([*words, "--umat", str(library)]) == 0
+    arrays, attributes = read_netcdf(out)
+    expected = run(scene)
+    for name in ("displacement", "stress", "state_plastic_strain", "reaction_top_y", "external_work"):
+        assert arrays[name].tobytes() == expected[name].values.tobytes(), name
+    # What the result holds belongs to the name that it has, and can be explained.
+    again = Scene.from_resolved(json.loads(attributes["scene"]))
+    assert canonical(again.resolved()["material"]["umat"]["properties"]) == canonical(J2["properties"])
+    assert cli.main(["diagnose", str(out)]) == 0
+    assert "J of plastic" in capsys.readouterr().out
+    with open_result(out) as result:
+        assert result["plastic_dissipation"].attrs["units"] == "J"
+
+
+def test_the_example_is_whole(capsys):
+    assert cli.main(["validate", str(EXAMPLE)]) == 0
+    assert "Plate with a hole" in capsys.readouterr().out
