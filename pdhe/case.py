@@ -370,7 +370,8 @@ def _failure_rule(
     factors = stretch_factors(bonds, ratios, criterion)
     # With inertia nothing is solved for, and a bond breaks when it has reached its resistance.
     together = 0.0 if scene.stepping.mode == "dynamic" else together_at(scene.solver.tolerance)
-    load = BondLoad(criterion.by_energy, settings.tension_only)
+    split = None if settings.split is None else settings.split.weights(toughness)
+    load = BondLoad(criterion.by_energy, settings.tension_only, split)
     return FailureRule(critical, crossing, load, weakened, may_fail, together=together, **factors)
 
 

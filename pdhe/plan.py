@@ -190,6 +190,11 @@ def _damage(case: Case) -> str:
         + (", of bonds as long as the horizon" if CRITERIA[case.scene.damage.criterion].equal_energy else "")
         + ("" if case.bonds.fineness is None else ", at the largest horizon")
         + ("" if rule.load.tension_only else ", under compression too")
+        + (
+            ""
+            if rule.load.split is None
+            else ", dilatational energy {:.4g} times, deviatoric {:.4g} times".format(*rule.load.split)
+        )
         + _varied(case)
     )
 

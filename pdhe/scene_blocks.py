@@ -463,14 +463,37 @@ class Interface(OwnToughness):
     between: fields.NodeSetPair
 
 
+class Split(Block):
+    """Fracture energies of the dilatational and of the deviatoric part of a bond's energy.
+
+    A part that is left out does not count: it breaks no bond by itself.
+    """
+
+    dilatational: OwnToughness | None = None
+    deviatoric: OwnToughness | None = None
+
+    @model_validator(mode="after")
+    def _some_part(self) -> "Split":
+        if self.dilatational is None and self.deviatoric is None:
+            raise problem("needs `dilatational` or `deviatoric`", "for example `{deviatoric: {factor: 1}}`")
+        return self
+
+    def weights(self, toughness: float) -> tuple[float, float]:
+        """What either part counts, given the fracture energy of the material (J/m^2)."""
+        parts = self.dilatational, self.deviatoric
+        return tuple(0.0 if part is None else 1.0 / part.over(toughness) for part in parts)
+
+
 class Damage(Block):
     """When bonds break, the node sets whose bonds never do, and where they break at other values than elsewhere.
 
-    With ``tension_only`` off, shortened bonds break like stretched ones.
+    With ``tension_only`` off, shortened bonds break like stretched ones. ``split`` is for the model ``state-based``:
+    what either part of a bond's energy counts.
     """
 
     criterion: Annotated[str, choice("energy", "stretch", "energy density")] = "energy"
     tension_only: fields.Switch = True
+    split: Split | None = None
     calibration: Annotated[str, choice("discrete", "continuum")] = "discrete"
     no_fail: Annotated[tuple[fields.NodeSet, ...], BeforeValidator(fields.as_list)] = ()
     regions: Annotated[tuple[ToughnessOn, ...], BeforeValidator(fields.as_list)] | None = None

@@ -56,6 +56,7 @@ def check_scene(scene: "Scene") -> None:
     _check_holes(scene)
     _check_cracks(scene)
     _check_physics(scene)
+    _check_split(scene)
     _check_material(scene)
     _check_regions(scene)
     _check_node_sets(scene)
@@ -298,6 +299,17 @@ def _check_physics(scene: "Scene") -> None:
     if scene.damage is not None and scene.material.toughness(scene.plane) is None:
         hint = "add `fracture_toughness` or `critical_energy_release_rate` to the material, or leave `damage` out"
         raise problem("is missing, and damage needs it", hint, "material.fracture_toughness")
+
+
+def _check_split(scene: "Scene") -> None:
+    if scene.damage is None or scene.damage.split is None:
+        return
+    if scene.mechanics.model != "state-based":
+        text = f"is not there for `{scene.mechanics.model}`, whose bonds know no dilatation"
+        raise problem(text, "use `mechanics: {model: state-based}`, or leave `split` out", "damage.split")
+    if scene.damage.criterion == "stretch":
+        text = "splits energies, and bonds break by their stretch"
+        raise problem(text, "use `criterion: energy`, or leave `split` out", "damage.split")
 
 
 def _has_source(scene: "Scene") -> bool:

@@ -57,10 +57,14 @@ class BondLoad:
         The stretch of a bond that has the same energy without shear, in place of the stretch.
     tension_only
         Bonds that are shortened have no load; otherwise they are loaded like stretched ones.
+    split
+        What the dilatational and the deviatoric part of the energy count; None where the energy counts as a whole. For
+        state-based bodies, by energy.
     """
 
     by_energy: bool
     tension_only: bool = True
+    split: tuple[float, float] | None = None
 
     @property
     def above(self) -> float:
@@ -82,10 +86,14 @@ class Measure:
         Of each bond, J (k,): its energy is half of this times ``square``.
     square
         Function of the parts (p, k): square of the stretch that has the same energy, (k,). Quadratic.
+    split
+        Function of the parts: the dilatational and the deviatoric share of ``square``, (2, k); None where the model
+        knows none.
     """
 
     stiffness: np.ndarray
     square: Callable[[np.ndarray], np.ndarray]
+    split: Callable[[np.ndarray], np.ndarray] | None = None
 
 
 class Body(ABC):
@@ -372,7 +380,13 @@ class Body(ABC):
 
 
 def load_of(parts: np.ndarray, measure: Measure, load: BondLoad) -> np.ndarray:
-    """Load of some bonds, given their parts, (k,) (theory, eq. 5.2)."""
+    """Load of some bonds, given their parts, (k,) (theory, eqs. 5.2 and 5.16)."""
     stretch = parts[0]
-    size = np.sqrt(np.maximum(measure.square(parts), 0.0)) if load.by_energy else np.abs(stretch)
+    if not load.by_energy:
+        size = np.abs(stretch)
+    elif load.split is None:
+        size = np.sqrt(np.maximum(measure.square(parts), 0.0))
+    else:
+        dilatational, deviatoric = measure.split(parts)
+        size = np.sqrt(np.maximum(load.split[0] * dilatational + load.split[1] * deviatoric, 0.0))
     return np.where(stretch > load.above, size, 0.0)

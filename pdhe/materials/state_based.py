@@ -59,7 +59,7 @@ class StateBasedBody(Body):
         """Internal force on each node, N (n, dim): minus the derivative of the energy (theory, eq. 2.12)."""
         b, out = self.bonds, np.empty_like(u) if out is None else out
         state_based.internal_force(
-            b.offsets, b.neighbours, self._x, self.cubed, self.spread, self.node_parts(u), self.along,
+            b.offsets, b.neighbours, self._x, self.cubed, self.spread, self.swell * self.node_parts(u), self.along,
             self._with_images(u), out,
         )  # fmt: skip
         return out
@@ -92,38 +92,51 @@ class StateBasedBody(Body):
         return out
 
     def node_parts(self, u: np.ndarray) -> np.ndarray:
-        """What the dilatation of each node, and of images behind them, adds to the forces of its bonds, N/m^6 (n,)."""
-        return self.swell * self.spread * self._beyond(self.dilatation(u))
+        """Dilatation of each node, and of images behind them, over the weighted volume, 1/m^4 (n,)."""
+        return self.spread * self._beyond(self.dilatation(u))
 
     def bond_parts(
         self, u: np.ndarray, bond: np.ndarray, owner: np.ndarray, nodes: np.ndarray | None = None
     ) -> np.ndarray:
-        """Stretch of some directed bonds, and their force over their weight in N/m^6, (2, k)."""
-        pressure, other = self.node_parts(u) if nodes is None else nodes, self.bonds.neighbours[bond]
+        """Stretch of some directed bonds, and the dilatational and deviatoric part of their force, (3, k).
+
+        Forces are over the weight, in N/m^6 (theory, eq. 5.15).
+        """
+        swollen, other = self.node_parts(u) if nodes is None else nodes, self.bonds.neighbours[bond]
         vector, u = self._x[other] - self._x[owner], self._with_images(u)
         stretch = np.sum(vector * (u[other] - u[owner]), axis=1) / self.bonds.length[bond] ** 2
-        force = pressure[owner] + pressure[other] + self.along * (self.spread[owner] + self.spread[other]) * stretch
-        return np.stack([stretch, force])
+        swollen, spread = swollen[owner] + swollen[other], self.spread[owner] + self.spread[other]
+        isotropic = self.along / self.model.dimensions
+        return np.stack(
+            [stretch, (self.swell + isotropic) * swollen, self.along * spread * stretch - isotropic * swollen]
+        )
 
     def measure(self, bond: np.ndarray, owner: np.ndarray) -> Measure:
         """Half the work of the force of a bond on its elongation (theory, eq. 2.13)."""
         normal = self.normal
 
-        def square(parts: np.ndarray) -> np.ndarray:
-            return parts[0] * parts[1] / normal
+        def split(parts: np.ndarray) -> np.ndarray:
+            return parts[0] * parts[1:] / normal
 
-        return Measure(normal * self.bonds.weight[bond] * self.bonds.length[bond], square)
+        def square(parts: np.ndarray) -> np.ndarray:
+            return parts[0] * (parts[1] + parts[2]) / normal
+
+        return Measure(normal * self.bonds.weight[bond] * self.bonds.length[bond], square, split)
 
     def largest_ratios(
         self, u: np.ndarray, load: BondLoad, breakable: np.ndarray, resistance: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """As for any body, without writing anything per bond."""
-        b, top, pressure = self.bonds, np.empty(self.bonds.node_count), self.node_parts(u)
+        b, top, nodes = self.bonds, np.empty(self.bonds.node_count), self.node_parts(u)
+        along, swell = self.along, self.swell
+        if load.split is not None:  # the same sweep with the forces that each part counts with
+            isotropic = along / self.model.dimensions
+            along, swell = load.split[1] * along, load.split[0] * (swell + isotropic) - load.split[1] * isotropic
         state_based.largest_ratio(
-            b.offsets, b.neighbours, self._x, self.spread, pressure, self.along, self.normal, load.by_energy,
+            b.offsets, b.neighbours, self._x, self.spread, swell * nodes, along, self.normal, load.by_energy,
             load.above, self._with_images(u), breakable, self._beyond(resistance), top,
         )  # fmt: skip
-        return top, pressure
+        return top, nodes
 
 
 @dataclass(frozen=True)

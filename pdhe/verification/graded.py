@@ -131,7 +131,7 @@ def toughness_rows(
     middle = 0.5 * height * SPACING
     path = {"from": [notch, middle], "to": [notch + cells * SPACING, middle], "spacing": SPACING}
     for ratio in ratios:
-        common = (ratio, notch, True, cells, "moment matched", "ramp")
+        common = (ratio, notch, "energy", cells, "moment matched", "ramp")
         paths[ratio, "uniform"] = [follow(strip("triangles", columns + k, height), *common) for k in range(meshes)]
         graded = []
         for k in range(meshes):

@@ -11,7 +11,7 @@ import numpy as np
 
 from pdhe.bonds import Grading
 from pdhe.case import build_case
-from pdhe.damage import critical_stretch, crossing_sum, stretch_factors, together_at
+from pdhe.damage import CRITERIA, critical_stretch, crossing_sum, stretch_factors, stretch_squares, together_at
 from pdhe.discretization import discretize
 from pdhe.materials import BY_ENERGY, BondLoad
 from pdhe.mesh import make_mesh
@@ -127,18 +127,19 @@ def follow(
     plate: Plate,
     ratio: float,
     notch: float,
-    by_energy: bool,
+    criterion: str,
     cells: int,
     weights: str,
     partial: str,
     graded: tuple[float, Grading] | None = None,
     model: str = "condensed rotation",
     plane: str = "stress",
+    split: tuple[float, float] | None = None,
 ) -> CrackPath:
     """Follow a crack through ``cells`` spacings of growth under a unit strain, scaling the load to each break.
 
     Bonds may break in the middle half of the height, from the tip of the notch on. ``graded`` is the reference horizon,
-    m, and the grading of a mesh that has :data:`SPACING` around the path.
+    m, and the grading of a mesh that has :data:`SPACING` around the path; ``split`` what the parts of the energy count.
     """
     middle = 0.5 * plate.height
     horizon = ratio * SPACING
@@ -146,7 +147,9 @@ def follow(
     reference, grading = graded or (horizon, None)
     body = plate_body(plate, reference, weights=weights, partial=partial, cracks=[crack], grading=grading,
                       model=model, plane=plane)  # fmt: skip
-    tougher = np.ones(1) if grading is None else stretch_factors(body.bonds)["factor"]
+    rule = CRITERIA[criterion]
+    decides, squares = BondLoad(rule.by_energy, split=split), stretch_squares(body.bonds, rule)
+    tougher = stretch_factors(body.bonds, criterion=rule).get("factor", np.ones(1))
     fixed = np.zeros(plate.coordinates.shape, bool)
     fixed[plate.top, 1] = fixed[plate.bottom, 1] = True
     prescribed = np.zeros(plate.coordinates.shape)
@@ -158,16 +161,16 @@ def follow(
     near = (np.abs(centre[:, 1] - middle) < 0.25 * plate.height) & (centre[:, 0] > notch - 2.0 * horizon)
     may_fail = near & (owner < bonds.neighbours)
     short = bonds.length < 1.5 * SPACING
-    crossing = crossing_sum(bonds, plate.volume)
-    critical = critical_stretch(body.model, crossing, TOUGHNESS, "discrete")
-    continuum = (critical_stretch(body.model, crossing, TOUGHNESS, "continuum") / critical) ** 2
+    crossing = crossing_sum(bonds, plate.volume, squares)
+    critical = critical_stretch(body.model, crossing, TOUGHNESS, "discrete", rule)
+    continuum = (critical_stretch(body.model, crossing, TOUGHNESS, "continuum", rule) / critical) ** 2
     young = YOUNG if plane == "stress" else YOUNG / (1.0 - POISSON**2)
     nominal = 0.5 * young * STRAIN**2 * plate.height / TOUGHNESS
     stiffness = 0.5 * body.normal * bonds.weight * bonds.length
     u, _ = solver.solve(prescribed, prescribed)
     energy, tip, held, states = body.energy(u).sum(), notch, 0.0, []
     while tip < notch + cells * SPACING:
-        load = body.bond_loads(u, BondLoad(by_energy)) * (may_fail & body.intact) / tougher
+        load = body.bond_loads(u, decides) * (may_fail & body.intact) / tougher
         scale = critical / load.max()
         held = max(held, scale)
         broken = np.flatnonzero(load * held / critical >= max(1.0 - together, (1.0 - GROUPING) * held / scale))
@@ -244,7 +247,7 @@ def run(
     def case(ratio, kind, criterion, height=rows, weights="moment matched", partial=None) -> CrackPath:
         plate = strip(kind, round(columns * height / rows), height)
         rule = partial or ("ramp" if kind == "triangles" else "full")
-        path = follow(plate, ratio, notch * height / rows, criterion == "energy", cells, weights, rule)
+        path = follow(plate, ratio, notch * height / rows, criterion, cells, weights, rule)
         table.append(
             {
                 "criterion": criterion,
