@@ -14,6 +14,7 @@ from pdhe.case import Case
 from pdhe.costs import BOTH, COPIES, DIFFUSION, ITERATION, MECHANICS, MOTION, OVERHEAD, PROCESS, SEARCH, STEP
 from pdhe.errors import PdheError, SceneError
 from pdhe.scene import Scene
+from pdhe.scene_umat import numbers_of
 
 #: Nodes of a pilot, and by how much coarser it must be to be worth it. For the main scene (20,000 nodes) it costs one
 #: or two hundredths of the run.
@@ -111,7 +112,12 @@ def make_forecast(case: Case, pilot: Pilot | None) -> Forecast:
     bonds, nodes = case.bonds.neighbours.size, case.discretization.volume.size
     axes = case.discretization.dimension
     numbers = axes * (bool(case.body) + bool(case.dynamics)) + bool(case.rule) + bool(case.diffusion)
+    kept = 0
+    if case.history is not None:
+        written, kept = numbers_of(len(case.scene.material.umat.states), case.scene.plane)
+        numbers += written
     memory = _memory(bonds, bool(case.body), bool(case.diffusion), numbers * nodes * len(case.scene.outputs.times))
+    memory += 8.0 * kept * nodes
     if case.dynamics is not None:
         sweeps, (force, _) = motion_steps(case), _sweep_seconds(case)
         return Forecast(memory, float(sweeps), seconds=OVERHEAD + MOTION * force * sweeps)
@@ -161,8 +167,12 @@ def check_memory(scene: Scene, nodes: int) -> str:
     ratio, axes = scene.horizon.ratio or scene.horizon_length / scene.mesh.spacing, 3 if scene.mesh.solid else 2
     family = math.pi * ratio**2 if axes == 2 else 4.0 / 3.0 * math.pi * ratio**3
     numbers = axes * bool(scene.loads) + bool(scene.damage) + bool(scene.hydrogen)
+    kept = 0
+    if scene.material.umat is not None and scene.loads is not None:
+        more, kept = numbers_of(len(scene.material.umat.states), scene.plane)
+        numbers += more
     written = numbers * nodes * len(scene.outputs.times)
-    needed = _memory(nodes * family, bool(scene.loads), bool(scene.hydrogen), written)
+    needed = _memory(nodes * family, bool(scene.loads), bool(scene.hydrogen), written) + 8.0 * kept * nodes
     memory, swap = memory_of_machine()
     if needed <= USUAL_SHARE * memory:
         return ""

@@ -16,6 +16,7 @@ from typing import Any
 from pdhe.costs import BOTH, COPIES, DIFFUSION, ITERATION, MECHANICS, OVERHEAD, PROCESS, SEARCH, STEP
 from pdhe.provenance import canonical
 from pdhe.scene_blocks import SOLID_CELLS
+from pdhe.scene_umat import numbers_of
 
 #: Directed bonds a second and thread of a force sweep and a diffusion sweep, on a lattice and on other nodes: rounded
 #: down from 4.0e8 to 7.0e8, 1.4e8 to 1.8e8, 8.2e8 to 2.4e9 and 7.4e8 to 1.8e9 (docs/performance-tables.md).
@@ -26,6 +27,9 @@ SOLID_FORCE_RATE, SOLID_DIFFUSION_RATE = 6e7, 4e8
 #: on a lattice, 11 to 22 on triangles, where every crack that was drawn can grow. In space for each cell of the area
 #: that it can cross (2.3 on cubes and 2.6 on tetrahedra where it did): layers may break one by one.
 ITERATIONS, ROUNDS = 14.0, {True: 10.0, False: 20.0}
+#: Iterations of an increment of a user material over those of an equilibrium: several Newton steps, and worse
+#: conditioned where it yields (measured 4.1 and 5.6 in ``plastic_hole`` at 1 and 0.5 mm).
+NEWTON = 10.0
 #: Sweeps over the root of the number of explicit steps times that of instants at which they have to stop: without
 #: damage (measured 1.8 to 2.6), and with it (1.6 to 4.6).
 LONG = {False: 2.6, True: 5.0}
@@ -122,8 +126,12 @@ def needs_of(scene: Mapping[str, Any]) -> Needs:
     breaks, outputs = mechanics and "damage" in scene, len(scene["outputs"]["times"])
     share = BOTH if mechanics and hydrogen else MECHANICS if mechanics else DIFFUSION
     numbers = axes * mechanics + axes * moving + breaks + bool(hydrogen)
+    umat, kept = scene["material"].get("umat") if mechanics else None, 0
+    if umat is not None:
+        written, kept = numbers_of(len(umat["states"]), scene["mechanics"]["plane"] if axes == 2 else None)
+        numbers += written
     fields = 8.0 * numbers * nodes * outputs
-    memory = PROCESS + share * bonds + COPIES * fields
+    memory = PROCESS + share * bonds + 8.0 * kept * nodes + COPIES * fields
 
     solves, sweeps, stepping = outputs, 0.0, scene["stepping"]
     if stepping["mode"] == "fixed":
@@ -158,7 +166,8 @@ def needs_of(scene: Mapping[str, Any]) -> Needs:
         stable = STABLE * ratio / 3.0 * finest / sound
         work += force * MOVING * scene["time"]["end"] / (stepping.get("step") or stepping["safety"] * stable)
     elif mechanics:
-        work += force * (ITERATION * ITERATIONS + SEARCH) * (solves + rounds)
+        iterations = ITERATIONS * (1.0 if umat is None else NEWTON)
+        work += force * (ITERATION * iterations + SEARCH) * (solves + rounds)
     threads = min(max(int(bonds // WORTH_A_THREAD), 1), MOST_THREADS)
     return Needs(nodes, fields, memory, threads, OVERHEAD + work / (1.0 + FURTHER_THREAD * (threads - 1)))
 

@@ -170,6 +170,13 @@ def identity_of(umat: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in umat.items() if key not in ("source", "library")}
 
 
+def numbers_of(states: int, plane: str | None) -> tuple[int, int]:
+    """Numbers of a node with so many state variables: in a result at every output, and in memory all the time."""
+    axes, components = (3, 6) if plane is None else (2, 3 if plane == "stress" else 4)
+    # The history, one trial beside it, and the tangent.
+    return components + states, 2 * (axes**2 + components + states + 3) + components**2
+
+
 def check_umat(scene: "Scene") -> None:
     """Refuse what user materials do not go with."""
     if scene.material.umat is None or scene.loads is None:
@@ -182,7 +189,6 @@ def check_umat(scene: "Scene") -> None:
         (scene.mesh.solid, "mesh.cells", "fills space: scenes with user materials are plates", "use a plane mesh"),
         (scene.material.orthotropic is not None, "material.orthotropic",
          "has no meaning beside `umat`, which has constants of its own", "leave one of them out"),
-        (bool(scene.geometry.symmetry), "geometry.symmetry", f"is not there {here}", "describe the whole body"),
         (scene.solver.precision != "double", "solver.precision", f"must be double {here}", "leave it out"),
         (scene.accuracy is not None, "accuracy", f"has not been measured {here}", "give `mesh.spacing` instead"),
         (scene.stepping.mode != "fixed", "stepping.mode",

@@ -67,7 +67,11 @@ def whole_result(result: xr.Dataset) -> xr.Dataset:
             values = variable.values
             if "node" in variable.dims:
                 axis = variable.dims.index("node")
-                copies = [values * sign if variable.dims[-1] == "component" else values for sign in signs]
+                last = variable.dims[-1]
+                copies = [values * sign if last == "component" else values for sign in signs]
+                if last == "entry":  # a shear stress changes its sign in a mirror
+                    shear = result["entry"].values == "12"
+                    copies = [np.where(shear, sign.prod(), 1.0) * values for sign in signs]
                 values = np.concatenate(copies, axis=axis)
         new[str(name)] = (variable.dims, values, variable.attrs)
     cracks = [
