@@ -159,5 +159,6 @@ def describe(scene: Scene, body: UserBody) -> str:
     return (
         f"user material: {umat.name} of {file}, {len(umat.properties)} properties, "
         f"{len(umat.states)} state variable{'' if len(umat.states) == 1 else 's'}{f' ({names})' if names else ''}, "
-        f"history {points.nbytes / 1e6:.2f} MB; the result keeps stresses and state variables at every output"
+        f"history {points.nbytes / 1e6:.3g} MB; the result keeps stresses and state variables at every output"
+        + ("; it is told the coverage as PREDEF(1)" if scene.hydrogen is not None else "")
     )

@@ -78,7 +78,7 @@ class Increments:
     def arrays(self) -> dict[str, np.ndarray]:
         """The history of the points, as it was committed last."""
         points = self.body.points
-        return {name: getattr(points, name) for name in ("gradient", "stress", "state", "energy")}
+        return {name: getattr(points, name) for name in ("gradient", "stress", "state", "energy", "field")}
 
     def recall(
         self, memory: Mapping[str, Any], broken: Sequence[np.ndarray], arrays: Mapping[str, np.ndarray] | None = None
@@ -87,7 +87,7 @@ class Increments:
         if any(piece.size for piece in broken) or arrays is None:
             raise ValueError("a body with a history has broken bonds, or no history")
         self.reference = memory["reference"]
-        history = (arrays[name] for name in ("gradient", "stress", "state", "energy"))
+        history = (arrays[name] for name in ("gradient", "stress", "state", "energy", "field"))
         self.body.points.recall((*history, memory["time"], memory["increments"]))
 
     def solve(self, u: np.ndarray, prescribed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -119,17 +119,21 @@ class Increments:
         return self._cut(u, prescribed, length, self.cuts)
 
     def _cut(self, u: np.ndarray, prescribed: np.ndarray, length: float, cuts: int) -> tuple[np.ndarray, np.ndarray]:
-        history, reference = self.body.points.history(), self.reference
+        points = self.body.points
+        history, reference, target = points.history(), self.reference, points.target
         try:
             return self._whole(u, prescribed, length)
         except SimulationError:
             if cuts == 0:
                 raise
         try:
+            points.target = 0.5 * (points.field + target)
             middle, _ = self._cut(u, np.where(self.fixed, 0.5 * (u + prescribed), 0.0), 0.5 * length, cuts - 1)
+            points.target = target
             return self._cut(middle, prescribed, 0.5 * length, cuts - 1)
         except SimulationError:
-            self.body.points.recall(history)
+            points.recall(history)
+            points.target = target
             self.reference = reference
             raise
 

@@ -174,7 +174,7 @@ def numbers_of(states: int, plane: str | None) -> tuple[int, int]:
     """Numbers of a node with so many state variables: in a result at every output, and in memory all the time."""
     axes, components = (3, 6) if plane is None else (2, 3 if plane == "stress" else 4)
     # The history, one trial beside it, and the tangent.
-    return components + states, 2 * (axes**2 + components + states + 3) + components**2
+    return components + states, 2 * (axes**2 + components + states + 4) + components**2
 
 
 def check_umat(scene: "Scene") -> None:
@@ -198,7 +198,6 @@ def check_umat(scene: "Scene") -> None:
         (scene.damage is not None, "damage",
          "has no criterion for a user material: the energy of a bond is not what it could release once it has yielded",
          "leave `damage` out"),
-        (scene.hydrogen is not None, "hydrogen", f"has no effect on stresses {here}", "leave `hydrogen` out"),
     ):  # fmt: skip
         if found:
             raise problem(text, hint, key)

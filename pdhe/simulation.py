@@ -292,6 +292,8 @@ def start(case: Case) -> State:
         state.held, state.saturated, state.supply = np.zeros(n, bool), np.zeros(n, bool), np.zeros(n)
         moves.hold_prescribed_coverage(case, state)
         moves.saturate_broken(case, state)
+        if case.history is not None:
+            case.history.points.field = case.history.points.target = state.coverage.copy()
     return state
 
 
@@ -371,6 +373,8 @@ def _step_fixed(run: Run, log: Progress, offer: Callable[[Run], None]) -> None:
                     offer(run)
             state.time = t
             if case.equilibrium is not None:
+                if case.history is not None and case.diffusion is not None:
+                    case.history.points.target = state.coverage.copy()
                 u, force = case.equilibrium.solve(state.displacement, case.conditions.values(t))
                 moves.move_to(case, state, moves.Motion(t, t, u, u, force, force), t)
                 if case.rule is not None:

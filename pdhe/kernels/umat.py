@@ -53,8 +53,8 @@ def call(typing, address, table, length):
 
 @kernel
 def advance(
-    address, tables, length, starts, work, integers, before, after, coordinates, sizes, times, stress, state, energy,
-    new_stress, new_state, new_energy, tangent, wanted, tensor,
+    address, tables, length, starts, work, integers, before, after, coordinates, sizes, times, field, field_after,
+    stress, state, energy, new_stress, new_state, new_energy, tangent, wanted, tensor,
 ):  # fmt: skip
     """Let a user material take every point from one displacement gradient to another.
 
@@ -70,6 +70,8 @@ def advance(
         Displacement gradients, row by row: (n, 4) in a plane, (n, 9) in space.
     coordinates, sizes, times
         Places, m (n, dim); characteristic lengths, m (n,); time at the start and length of the increment, s (2,).
+    field, field_after
+        Field variable at its start and at its end, (n,).
     stress, state, energy
         At its start: components in the order of Abaqus, Pa (n, c); state variables (n, s); energies J/m^3 (n, 3).
     new_stress, new_state, new_energy, tangent, wanted, tensor
@@ -106,6 +108,8 @@ def advance(
             w[DTIME] = times[1]
             for k in range(TEMP, DROT):
                 w[k] = 0.0
+            w[PREDEF] = field[i]
+            w[DPRED] = field_after[i] - field[i]
             for a in range(dim):
                 w[COORDS + a] = coordinates[i, a]
             w[PNEWDT] = 1.0

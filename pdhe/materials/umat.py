@@ -1,7 +1,8 @@
 """Compiled Abaqus user materials (UMAT): built from their source, loaded, called point by point.
 
 What they are given: stresses and state variables at the start of an increment, small strains and their increments in
-the order of Abaqus (11, 22, 33, 12, 13, 23; shear as the angle), deformation gradients, no rotation, no temperature.
+the order of Abaqus (11, 22, 33, 12, 13, 23; shear as the angle), deformation gradients, a field variable, no rotation,
+no temperature.
 """
 
 from __future__ import annotations
@@ -195,6 +196,9 @@ class UserPoints:
     gradient, stress, state, energy
         At the last committed step: displacement gradient, row by row (n, dim dim); components in the order of Abaqus,
         Pa (n, c); state variables (n, s); elastic, plastic and creep energy, J/m^3 (n, 3).
+    field, target
+        Field variable, which it is told as PREDEF and DPRED, at the last committed step and at the end of the next
+        (n,); zero unless somebody sets them.
     tangent
         DDSDDE of the last trial, Pa (n, c, c).
 
@@ -211,6 +215,7 @@ class UserPoints:
         self.gradient = np.zeros((n, material.dimensions**2))
         self.stress, self.energy = np.zeros((n, size)), np.zeros((n, 3))
         self.state = np.tile(as_float(material.state, (count,)), (n, 1))
+        self.field = self.target = np.zeros(n)
         self.tangent = np.zeros((n, size, size))
         self.increments, self.time = 0, 0.0
         self._trial: tuple[np.ndarray, ...] | None = None
@@ -290,7 +295,8 @@ class UserPoints:
         self._integers[:, kernels.KINC] = self.increments + 1
         kernels.advance(
             self.material.address, self._addresses, NAME, starts, self._work, self._integers, self.gradient[:n], after,
-            self.coordinates[:n], self.sizes[:n], np.array([self.time, length]), self.stress[:n], self.state[:n],
+            self.coordinates[:n], self.sizes[:n], np.array([self.time, length]), self.field[:n], self.target[:n],
+            self.stress[:n], self.state[:n],
             self.energy[:n], *new, tangent, wanted, tensor,
         )  # fmt: skip
         if not np.isnan(self._work[:, self._guards]).all():
@@ -317,23 +323,24 @@ class UserPoints:
             raise SimulationError("user material: nothing was tried since the last step")
         self.gradient, self.stress, self.state, self.energy = self._trial
         self._trial = None
+        self.field = self.target
         self.time += self._length
         self.increments += 1
 
     @property
     def nbytes(self) -> int:
         """Memory of the history, of one trial beside it, and of the tangents, bytes."""
-        kept = sum(array.nbytes for array in (self.gradient, self.stress, self.state, self.energy))
+        kept = sum(array.nbytes for array in (self.gradient, self.stress, self.state, self.energy, self.field))
         return 2 * kept + self.tangent.nbytes
 
     def history(self) -> tuple:
         """All that later increments depend on; :meth:`recall` takes it."""
-        return self.gradient, self.stress, self.state, self.energy, self.time, self.increments
+        return self.gradient, self.stress, self.state, self.energy, self.field, self.time, self.increments
 
     def recall(self, history: tuple) -> None:
         """Go back to an earlier history."""
-        self.gradient, self.stress, self.state, self.energy, self.time, self.increments = history
-        self._trial = None
+        self.gradient, self.stress, self.state, self.energy, self.field, self.time, self.increments = history
+        self.target, self._trial = self.field, None
 
     def _probe(self) -> None:
         """Call it once in a process of its own, which may crash or be ended by the routine."""

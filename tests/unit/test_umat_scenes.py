@@ -198,9 +198,9 @@ def test_what_is_put_in_is_stored_or_lost_the_better_the_shorter_the_steps(tmp_p
 def test_the_plan_tells_of_the_history_and_of_corners_that_it_misses(tmp_path):
     scene = loaded(bar(J2), tmp_path)
     plan = make_plan(build_case(scene, lattice_nodes(scene)))
-    # 32 nodes: twice (4 + 4 + 1 + 3) numbers and a tangent of 16.
+    # 32 nodes: twice (4 + 4 + 1 + 3 + 1) numbers and a tangent of 16.
     assert "user material: MATERIAL of j2.c, 4 properties, 1 state variable (plastic_strain [1])" in plan
-    assert f"history {32 * 8 * (2 * 12 + 16) / 1e6:.2g} MB" in plan
+    assert f"history {32 * 8 * (2 * 13 + 16) / 1e6:.3g} MB" in plan
     assert "warning" not in plan and "increments by Newton's method to 1e-10" in plan
     missed = loaded(bar(J2, stepping__load_steps=12), tmp_path)
     assert "loads turn between two load steps, at 1, 3, 5, 7 s" in make_plan(build_case(missed, lattice_nodes(missed)))
@@ -217,12 +217,51 @@ def test_state_variables_have_names_units_and_values_at_the_start(tmp_path):
     np.testing.assert_array_equal(nameless["state_2"], result["state_age"])
 
 
+#: A stiffness that falls with the coverage at the end of an increment; it notes what it was told of coverages.
+SOFTENED = """
+    const double left = props[0] * (1.0 - 0.8 * (predef[0] + dpred[0]));
+    for (int k = 0; k < 4; k++) { stress[k] = left * (stran[k] + dstran[k]); ddsdde[5 * k] = left; }
+    statev[0] = predef[0]; statev[1] += dpred[0]; statev[2] += 1.0;
+    if (dpred[0] > props[1]) *pnewdt = 0.5;
+"""
+HYDROGEN = {"initial": 0.1, "boundary": [{"on": "all", "coverage": {"0 s": 0.1, "4 s": 0.9, "8 s": 0.3}}]}
+
+
+@pytest.mark.parametrize("longest", [1.0, 0.15])
+def test_a_routine_is_told_the_coverage_at_both_ends_of_an_increment(longest, tmp_path):
+    umat = {"source": write_source(tmp_path / "softened.c", SOFTENED), "properties": [1e11, longest], "states": 3}
+    scene = bar(umat, hydrogen=HYDROGEN, material__diffusivity="1e-9 m^2/s", outputs__count=8)
+    scene = loaded(scene, tmp_path)
+    case = build_case(scene, lattice_nodes(scene))
+    assert "it is told the coverage as PREDEF(1)" in make_plan(case)
+    result = simulate(case)
+    coverage = np.array([0.1, 0.3, 0.5, 0.7, 0.9, 0.75, 0.6, 0.45, 0.3])
+    np.testing.assert_allclose(result["coverage"].values, np.tile(coverage[:, None], 32), rtol=1e-6)
+    # Increments of more than 0.15 are taken in two halves, with the coverage on a straight line.
+    parts = np.where(np.diff(coverage) > longest, 2, 1)
+    np.testing.assert_array_equal(result["state_3"].values[1:, 0], np.cumsum(parts))
+    before = coverage[1:] - np.diff(coverage) / parts
+    np.testing.assert_allclose(result["state_1"].values[1:], np.tile(before[:, None], 32), rtol=1e-12)
+    np.testing.assert_allclose(result["state_2"].values[1:], np.tile(coverage[1:, None] - 0.1, 32), rtol=1e-12)
+    # The same bar, dry and of the stiffness that is left, carries the same at the end.
+    left = float(1e11 * (1.0 - 0.8 * coverage[-1]))
+    dry = {
+        **umat,
+        "source": write_source(tmp_path / "dry.c", SOFTENED.replace("0.8", "0.0")),
+        "properties": [left, 1.0],
+    }
+    dry = run(loaded(bar(dry), tmp_path))
+    # Measured 1e-11: residuals are 1e-10, and what resists zero-energy modes is the same.
+    np.testing.assert_allclose(result["stress"][-1], dry["stress"][-1], rtol=0.0, atol=1e-8 * left * 4e-3)
+    np.testing.assert_allclose(result["reaction_top_y"][-1], dry["reaction_top_y"][-1], rtol=1e-8)
+
+
 def write_source(path, code, symbol="umat_"):
     names = (
         "double *stress, double *statev, double *ddsdde, double *sse, double *spd, double *scd, double *rpl, "
         "double *ddsddt, double *drplde, double *drpldt, double *stran, double *dstran, double *time, double *dtime, "
         "double *temp, double *dtemp, double *predef, double *dpred, char *cmname, int *ndi, int *nshr, int *ntens, "
-        "int *nstatv, double *props"
+        "int *nstatv, double *props, int *nprops, double *coords, double *drot, double *pnewdt"
     )
     path.write_text(f"void {symbol}({names}) {{ {code} }}\n")
     return str(path)
@@ -272,7 +311,6 @@ def test_a_bad_block_is_refused_when_the_scene_is_read(change, key, said, tmp_pa
         ({"stepping": {"mode": "events"}}, "stepping.mode"),
         ({"time__end": "0 s"}, "time.end"),
         ({"damage": {}, "material__critical_energy_release_rate": "1 kJ/m^2"}, "damage"),
-        ({"hydrogen": {"initial": 0.5}, "material__diffusivity": "1e-9 m^2/s"}, "hydrogen"),
         ({"loads": [{"on": "top", "displacement": {"y": "0.01 mm"}}]}, "loads.0.displacement.y"),
     ],
 )  # fmt: skip
