@@ -9,6 +9,7 @@ import numpy as np
 
 from pdhe.bonds import Bonds
 from pdhe.errors import SceneError
+from pdhe.scene_places import at
 
 if TYPE_CHECKING:
     from pdhe.scene_blocks import Axes, DiffusivityOn, Interface, StiffnessOn, ToughnessOn
@@ -18,55 +19,93 @@ if TYPE_CHECKING:
 MOST_CONTRAST = 1e6
 
 
+#: Range of values over those of the material, by formulas as by factors.
+LEAST, MOST = 1e-6, 1e6
+
+
 def node_values(
-    count: int,
+    coordinates: np.ndarray,
     node_sets: Mapping[str, np.ndarray],
     regions: Sequence[ToughnessOn | DiffusivityOn | StiffnessOn],
     elsewhere: float,
+    key: str,
 ) -> np.ndarray:
-    """Value of every node over that of the material, (n,); later regions go before earlier ones."""
-    node = np.ones(count)
-    for region in regions:
-        node[node_sets[region.on]] = region.over(elsewhere)
+    """Value of every node over that of the material, (n,); later regions go before earlier ones.
+
+    Parameters
+    ----------
+    coordinates, node_sets
+        Positions, m (n, dim), and nodes by name.
+    regions, elsewhere, key
+        Values by node set, that of the material, and the key of the regions in the scene.
+
+    Raises
+    ------
+    SceneError
+        If a formula gives a node no value, or one out of :data:`LEAST` to :data:`MOST` times that of the material.
+    """
+    node = np.ones(len(coordinates))
+    for k, region in enumerate(regions):
+        nodes = node_sets[region.on]
+        values = np.broadcast_to(region.over(elsewhere, coordinates[nodes]), nodes.shape)
+        _require(values, (values >= LEAST) & (values <= MOST), coordinates[nodes], f"{key}.{k}",
+                 f"{LEAST:g} to {MOST:g} times that of the material")  # fmt: skip
+        node[nodes] = values
     return node
+
+
+def _require(values: np.ndarray, right: np.ndarray, place: np.ndarray, key: str, wanted: str) -> None:
+    """Refuse values of nodes (k,) at the first that is not right, bool (k,)."""
+    wrong = np.flatnonzero(~right)
+    if wrong.size:
+        at = ", ".join(f"{1e3 * length:.6g}" for length in place[wrong[0]])
+        raise SceneError(
+            "scene", key, float(values[wrong[0]]), f"is what the formula gives at ({at}) mm", f"it must be {wanted}"
+        )
 
 
 def axis_angles(coordinates: np.ndarray, node_sets: Mapping[str, np.ndarray], items: Sequence[Axes]) -> np.ndarray:
     """Direction of the material axis 1 at each node of a plate, rad (n,); later items go before earlier ones."""
     angle = np.zeros(len(coordinates))
-    for item in items:
+    for k, item in enumerate(items):
         nodes = node_sets[item.on]
-        angle[nodes] = _angles(coordinates[nodes], item)
+        angle[nodes] = _angles(coordinates[nodes], item, k)
     return angle
 
 
 def axis_frames(coordinates: np.ndarray, node_sets: Mapping[str, np.ndarray], items: Sequence[Axes]) -> np.ndarray:
     """Material axes 1, 2 and 3 at each node in space, unit vectors, one a row (n, 3, 3); later items go first."""
     frame = np.broadcast_to(np.eye(3), (len(coordinates), 3, 3)).copy()
-    for item in items:
+    for k, item in enumerate(items):
         nodes = node_sets[item.on]
         if item.axis_1 is not None:
             first, third = np.array(item.axis_1), np.cross(item.axis_1, item.axis_2)
             first, third = first / np.linalg.norm(first), third / np.linalg.norm(third)
             frame[nodes] = first, np.cross(third, first), third
             continue
-        c, s = np.cos(angle := _angles(coordinates[nodes], item)), np.sin(angle)
+        c, s = np.cos(angle := _angles(coordinates[nodes], item, k)), np.sin(angle)
         frame[nodes] = np.eye(3)
         frame[nodes, 0, 0] = frame[nodes, 1, 1] = c
         frame[nodes, 0, 1], frame[nodes, 1, 0] = s, -s
     return frame
 
 
-def _angles(coordinates: np.ndarray, item: Axes) -> np.ndarray:
+def _angles(coordinates: np.ndarray, item: Axes, number: int) -> np.ndarray:
     """Angles about z that an item gives to nodes, rad (k,)."""
+    angle = np.broadcast_to(at(item.angle, coordinates), len(coordinates))
+    _require(angle, np.isfinite(angle), coordinates, f"mechanics.axes.{number}.angle", "a number everywhere")
     if item.around is None:
-        return np.full(len(coordinates), item.angle)
+        return angle
     x, y = (coordinates[:, :2] - item.around).T
-    return item.angle + np.arctan2(y, x)
+    return angle + np.arctan2(y, x)
 
 
 def stiffness_ratios(
-    bonds: Bonds, node_sets: Mapping[str, np.ndarray], regions: Sequence[StiffnessOn], youngs_modulus: float
+    bonds: Bonds,
+    coordinates: np.ndarray,
+    node_sets: Mapping[str, np.ndarray],
+    regions: Sequence[StiffnessOn],
+    youngs_modulus: float,
 ) -> np.ndarray:
     """Stiffness of every directed bond over that in the material, (b,) (theory, eq. 2.25).
 
@@ -78,7 +117,7 @@ def stiffness_ratios(
     SceneError
         If Young's moduli differ by more than :data:`MOST_CONTRAST`.
     """
-    node = node_values(bonds.node_count, node_sets, regions, youngs_modulus)
+    node = node_values(coordinates, node_sets, regions, youngs_modulus, "mechanics.regions")
     contrast = float(node.max() / node.min())
     if contrast > MOST_CONTRAST * (1.0 + 1e-9):
         raise SceneError(
@@ -90,6 +129,7 @@ def stiffness_ratios(
 
 def toughness_ratios(
     bonds: Bonds,
+    coordinates: np.ndarray,
     node_sets: Mapping[str, np.ndarray],
     regions: Sequence[ToughnessOn],
     interfaces: Sequence[Interface],
@@ -102,8 +142,8 @@ def toughness_ratios(
 
     Parameters
     ----------
-    bonds, node_sets
-        Families, and nodes by name.
+    bonds, coordinates, node_sets
+        Families, positions of nodes, m (n, dim), and nodes by name.
     regions, interfaces
         Fracture energies by node set, and between two node sets, where `all` is what is outside the other one.
     toughness
@@ -114,7 +154,7 @@ def toughness_ratios(
     SceneError
         If the two sides of an interface share nodes, or no bond leads from one to the other.
     """
-    node = node_values(bonds.node_count, node_sets, regions, toughness)
+    node = node_values(coordinates, node_sets, regions, toughness, "damage.regions")
     owner, far = bonds.owners(), bonds.far()
     ratio = 0.5 * (node[owner] + node[far])
     for k, interface in enumerate(interfaces):

@@ -151,7 +151,9 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
         )
         relative = None
         if scene.mechanics.regions:
-            relative = stiffness_ratios(bonds, d.node_sets, scene.mechanics.regions, scene.material.youngs_modulus)
+            relative = stiffness_ratios(
+                bonds, d.coordinates, d.node_sets, scene.mechanics.regions, scene.material.youngs_modulus
+            )
             _require_reachable(scene, float(relative.max() / relative.min()))
         if scene.material.umat is not None:
             body = make_user_body(scene, bonds, model, d.coordinates, d.volume)
@@ -363,7 +365,8 @@ def _failure_rule(
     critical = critical_stretch(model, spent, toughness, settings.calibration, criterion)
     ratios = None
     if settings.regions or settings.interfaces:
-        ratios = toughness_ratios(bonds, d.node_sets, settings.regions or (), settings.interfaces or (), toughness)
+        regions, interfaces = settings.regions or (), settings.interfaces or ()
+        ratios = toughness_ratios(bonds, d.coordinates, d.node_sets, regions, interfaces, toughness)
     if relative is not None:
         # A bond takes the same energy whatever its stiffness, and so breaks at another stretch.
         ratios = 1.0 / relative if ratios is None else ratios / relative
@@ -383,7 +386,8 @@ def _diffusion(scene: Scene, d: Discretization, bonds: Families, partial: str) -
     prescribed = {condition.on for condition in scene.hydrogen.boundary} & set(edges)
     relative = None
     if scene.hydrogen.regions:
-        relative = node_values(d.volume.size, d.node_sets, scene.hydrogen.regions, scene.material.diffusivity)
+        given = scene.hydrogen.regions, scene.material.diffusivity
+        relative = node_values(d.coordinates, d.node_sets, *given, "hydrogen.regions")
     diffusion = build_diffusion(
         bonds, d.coordinates, d.volume, d.spacing, d.thickness, scene.material.diffusivity, scene.hydrogen.kernel,
         partial, edges, prescribed, relative,

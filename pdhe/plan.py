@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pdhe.blocks import node_values
 from pdhe.case import Case
 from pdhe.damage import CRITERIA, stretch_squares
 from pdhe.errors import SceneError
@@ -101,7 +102,8 @@ def warnings(case: Case, pilot: Pilot | None = None) -> list[str]:
         )
     if scene.hydrogen is not None:
         diffusivity = scene.material.diffusivity
-        fastest = max([1.0, *(region.over(diffusivity) for region in scene.hydrogen.regions or ())])
+        d, regions = case.discretization, scene.hydrogen.regions or ()
+        fastest = float(node_values(d.coordinates, d.node_sets, regions, diffusivity, "hydrogen.regions").max())
         reach = 2.0 * float(np.sqrt(fastest * diffusivity * scene.time.end))
         if reach < SHARP_FRONT * spacing:
             found.append(

@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from pdhe import scene_fields as fields
+from pdhe import scene_places as places
 from pdhe.scene_fields import Block, choice, problem
 from pdhe.scene_history import (
     CoverageHistory,
@@ -296,11 +297,11 @@ class Axes(Block):
     """Direction of the material axis 1 on a node set: an angle (rad) from x, or from the direction away from a point.
 
     In space these turn about z; or ``axis_1`` is the direction itself, and ``axis_2`` one towards axis 2, which is made
-    perpendicular. Later entries of a list go before earlier ones.
+    perpendicular. Angles may be formulas of the place. Later entries of a list go before earlier ones.
     """
 
     on: fields.NodeSet = "all"
-    angle: fields.Angle | None = None
+    angle: places.Angle | None = None
     around: fields.Point | None = None
     axis_1: fields.Direction | None = None
     axis_2: fields.Direction | None = None
@@ -323,8 +324,8 @@ class StiffnessOn(Block):
     """A Young's modulus on a node set, other than that of the material: as such (Pa), or as a factor to it."""
 
     on: fields.NodeSet
-    youngs_modulus: fields.Stiffness | None = None
-    factor: fields.Factor | None = None
+    youngs_modulus: places.Stiffness | None = None
+    factor: places.Factor | None = None
 
     @model_validator(mode="after")
     def _one_value(self) -> "StiffnessOn":
@@ -332,9 +333,10 @@ class StiffnessOn(Block):
             raise problem("needs either `youngs_modulus` or `factor`", "for example `factor: 0.1`")
         return self
 
-    def over(self, elsewhere: float) -> float:
-        """Young's modulus over that of the material, given the latter (Pa)."""
-        return self.factor if self.youngs_modulus is None else self.youngs_modulus / elsewhere
+    def over(self, elsewhere: float, place: Any) -> Any:
+        """Young's modulus over that of the material, given the latter (Pa), at points (k, 2), m: one or (k,)."""
+        given = self.youngs_modulus
+        return places.at(self.factor, place) if given is None else places.at(given, place) / elsewhere
 
 
 class Mechanics(Block):
@@ -445,16 +447,18 @@ class OwnToughness(Block):
             raise problem("needs either `critical_energy_release_rate` or `factor`", "for example `factor: 0.25`")
         return self
 
-    def over(self, toughness: float) -> float:
-        """Fracture energy over that of the material, given the latter (J/m^2)."""
+    def over(self, toughness: float, place: Any = None) -> Any:
+        """Fracture energy over that of the material, given the latter (J/m^2), at points (k, 2), m: one or (k,)."""
         given = self.critical_energy_release_rate
-        return self.factor if given is None else given / toughness
+        return places.at(self.factor, place) if given is None else places.at(given, place) / toughness
 
 
 class ToughnessOn(OwnToughness):
     """Fracture energy on a node set."""
 
     on: fields.NodeSet
+    critical_energy_release_rate: places.EnergyReleaseRate | None = None
+    factor: places.Factor | None = None
 
 
 class Interface(OwnToughness):
@@ -522,8 +526,8 @@ class DiffusivityOn(Block):
     """A diffusivity on a node set, other than that of the material: as such (m^2/s), or as a factor to it."""
 
     on: fields.NodeSet
-    diffusivity: fields.Diffusivity | None = None
-    factor: fields.Factor | None = None
+    diffusivity: places.Diffusivity | None = None
+    factor: places.Factor | None = None
 
     @model_validator(mode="after")
     def _one_value(self) -> "DiffusivityOn":
@@ -531,9 +535,10 @@ class DiffusivityOn(Block):
             raise problem("needs either `diffusivity` or `factor`", "for example `factor: 0.01`")
         return self
 
-    def over(self, elsewhere: float) -> float:
-        """Diffusivity over that of the material, given the latter (m^2/s)."""
-        return self.factor if self.diffusivity is None else self.diffusivity / elsewhere
+    def over(self, elsewhere: float, place: Any) -> Any:
+        """Diffusivity over that of the material, given the latter (m^2/s), at points (k, 2), m: one or (k,)."""
+        given = self.diffusivity
+        return places.at(self.factor, place) if given is None else places.at(given, place) / elsewhere
 
 
 class Hydrogen(Block):

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from pdhe import scene_solid as solid
 from pdhe.scene_fields import problem
 from pdhe.scene_mirrors import Segment, check_symmetry, edge_segments, mirror_levels, mirrors_through
+from pdhe.scene_places import Formula
 from pdhe.scene_umat import check_umat
 
 if TYPE_CHECKING:
@@ -57,6 +58,7 @@ def check_scene(scene: "Scene") -> None:
     _check_cracks(scene)
     _check_physics(scene)
     _check_split(scene)
+    _check_formulas(scene)
     _check_material(scene)
     _check_regions(scene)
     _check_node_sets(scene)
@@ -299,6 +301,20 @@ def _check_physics(scene: "Scene") -> None:
     if scene.damage is not None and scene.material.toughness(scene.plane) is None:
         hint = "add `fracture_toughness` or `critical_energy_release_rate` to the material, or leave `damage` out"
         raise problem("is missing, and damage needs it", hint, "material.fracture_toughness")
+
+
+def _check_formulas(scene: "Scene") -> None:
+    """Refuse formulas of z in the plane."""
+    regions = {"mechanics.axes": scene.mechanics.axes, "mechanics.regions": scene.mechanics.regions}
+    regions["damage.regions"] = scene.damage.regions if scene.damage else None
+    regions["hydrogen.regions"] = scene.hydrogen.regions if scene.hydrogen else None
+    for where, items in regions.items():
+        for k, item in enumerate(items or ()):
+            for key in type(item).model_fields:
+                value = getattr(item, key)
+                if isinstance(value, Formula) and "z" in value.coordinates and not scene.mesh.solid:
+                    text = "asks for z in the plane"
+                    raise problem(text, "a plate has x and y", f"{where}.{k}.{key}.expression")
 
 
 def _check_split(scene: "Scene") -> None:
