@@ -80,6 +80,22 @@ def pilot_scene(scene: Scene, nodes: int) -> Scene | None:
         coarsening = max(LEAST_COARSENING, coarsening) if nodes >= LEAST_GRADED else 0.0
     if coarsening < LEAST_COARSENING or scene.stepping.mode == "dynamic" or scene.material.umat is not None:
         return None
+    try:
+        return coarser(scene, coarsening, outputs=scene.damage is None)
+    except SceneError:
+        return None
+
+
+def coarser(scene: Scene, coarsening: float, outputs: bool = True, with_horizon: bool = False) -> Scene:
+    """The scene with all spacings larger by one factor.
+
+    Without ``outputs`` there is but the last one. A horizon that is given as a length becomes larger ``with_horizon``.
+
+    Raises
+    ------
+    SceneError
+        If it cannot be so coarse.
+    """
     content = scene.resolved()
     mesh = content["mesh"]
     mesh["spacing"] = scene.mesh.spacing * coarsening
@@ -89,12 +105,11 @@ def pilot_scene(scene: Scene, nodes: int) -> Scene | None:
         # Bonds must not be longer than any horizon (theory, section 3), which bounds the growth.
         growth = scene.mesh.growth_rate
         mesh["growth"] = min(growth * coarsening, max(growth, 0.9 / scene.horizon.ratio))
-    if scene.damage is not None:
+    if with_horizon and scene.horizon.length is not None:
+        content["horizon"]["length"] = scene.horizon.length * coarsening
+    if not outputs:
         content["outputs"] = {"times": [scene.time.end]}
-    try:
-        return Scene.from_resolved(content)
-    except SceneError:
-        return None
+    return Scene.from_resolved(content)
 
 
 def make_forecast(case: Case, pilot: Pilot | None) -> Forecast:

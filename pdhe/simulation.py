@@ -48,6 +48,7 @@ PILOT_FROM = 50_000
 SAFE_EVERY = 50
 
 Progress = Callable[[str], None]
+Remarks = Callable[[Contents], Mapping[str, Any]]
 
 
 def solve_case(
@@ -56,13 +57,13 @@ def solve_case(
     path: str | Path,
     progress: Progress | None = None,
     command: str = "",
-    remarks: Mapping[str, Any] | None = None,
+    remarks: Mapping[str, Any] | Remarks | None = None,
 ) -> None:
     """Run a scene and write its result file, which says what made it.
 
     While it runs, checkpoints are kept beside the result (:mod:`pdhe.checkpoint`); if there is one of this scene, these
     nodes and this code, the run goes on from there. ``command`` is the one that was given, ``remarks`` are further
-    attributes of the file.
+    attributes of the file, or give them for what the run came to.
 
     Raises
     ------
@@ -109,7 +110,13 @@ class Unfinished(SimulationError):
 
 
 def _solve(
-    case: Case, path: Path, log: Progress, keeper: Keeper, plan: str, command: str, remarks: Mapping[str, Any]
+    case: Case,
+    path: Path,
+    log: Progress,
+    keeper: Keeper,
+    plan: str,
+    command: str,
+    remarks: Mapping[str, Any] | Remarks,
 ) -> None:
     scene = case.scene
     made_by = {
@@ -120,7 +127,7 @@ def _solve(
         "versions": json.dumps(versions(), sort_keys=True),
         "machine": machine(),
         "command": command,
-        **remarks,
+        **({} if callable(remarks) else remarks),
     }
     try:
         contents = _simulate(case, log, keeper)
@@ -129,7 +136,7 @@ def _solve(
         kept = incomplete_of(path)
         error.contents.write(kept)
         raise SimulationError(f"{error}; what was computed so far is in {kept} (see `pdhe diagnose`)") from error
-    contents.attributes.update(made_by)
+    contents.attributes.update(made_by | (dict(remarks(contents)) if callable(remarks) else {}))
     try:
         contents.write(path)
     except OSError:
@@ -147,11 +154,8 @@ def fly_pilot(scene: Scene, nodes: int) -> Pilot | None:
     if coarse is None:
         return None
     try:
-        with tempfile.TemporaryDirectory() as folder:
-            mesh_file = Path(folder, "pilot.msh")
-            make_mesh(coarse.geometry, coarse.mesh, mesh_file)
-            case = build_case(coarse, discretize(mesh_file, coarse.geometry, coarse.mesh))
-        variables = _simulate(case).variables
+        case = mesh_case(coarse)
+        variables = compute(case).variables
     except PdheError:
         return None  # too coarse for the scene's own details: that says nothing against the scene
     counts = {
@@ -177,12 +181,36 @@ def fly_pilot(scene: Scene, nodes: int) -> Pilot | None:
     )  # fmt: skip
 
 
-def simulate(case: Case, progress: Progress | None = None) -> xr.Dataset:
-    """Run a case from time zero to its end and return everything that it recorded.
+def mesh_case(scene: Scene) -> Case:
+    """Build the case of a scene on a mesh that is made for it and not kept.
+
+    Raises
+    ------
+    PdheError
+        If the scene cannot be meshed, or not run on this mesh.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        mesh_file = Path(folder, "scene.msh")
+        make_mesh(scene.geometry, scene.mesh, mesh_file)
+        return build_case(scene, discretize(mesh_file, scene.geometry, scene.mesh))
+
+
+def compute(case: Case, progress: Progress | None = None) -> Contents:
+    """Run a case from time zero to its end and return everything that it recorded, as a result file has it.
 
     Bonds break in the case itself: build a new one for another run.
+
+    Raises
+    ------
+    SimulationError
+        If the run cannot go on.
     """
-    return _simulate(case, progress or _silent).dataset()
+    return _simulate(case, progress or _silent)
+
+
+def simulate(case: Case, progress: Progress | None = None) -> xr.Dataset:
+    """Run a case as :func:`compute` does and return a dataset."""
+    return compute(case, progress).dataset()
 
 
 def _silent(text: str) -> None:

@@ -10,9 +10,6 @@ from typing import Any
 from pdhe.commands.streams import progress, read_object, ready
 from pdhe.errors import PdheError
 
-ESTIMATE_FROM = 5000
-"""Nodes from which a result carries an estimate of its error: shorter runs take less than loading what it needs."""
-
 
 def mesh(arguments: argparse.Namespace) -> None:
     """Mesh a geometry."""
@@ -43,7 +40,7 @@ def solve(arguments: argparse.Namespace) -> None:
     scene = Scene.from_resolved({"title": out.stem, **spec})
     # The scene itself stands in the result.
     command = shlex.join(["pdhe", "solve", "--spec", "SCENE", "--nodes", str(arguments.nodes), "--out", str(out)])
-    solve_case(scene, read_discretization(arguments.nodes), out, progress, command, _estimated(scene))
+    solve_case(scene, read_discretization(arguments.nodes), out, progress, command, _estimated(scene, out))
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -61,7 +58,12 @@ def run(arguments: argparse.Namespace) -> None:
     make_mesh(scene.geometry, scene.mesh, mesh_file)
     command = shlex.join(["pdhe", "run", str(arguments.scene), "--out", str(out)])
     solve_case(
-        scene, discretize(mesh_file, scene.geometry, scene.mesh), out, progress, command, remarks or _estimated(scene)
+        scene,
+        discretize(mesh_file, scene.geometry, scene.mesh),
+        out,
+        progress,
+        command,
+        remarks or _estimated(scene, out),
     )
 
 
@@ -103,8 +105,7 @@ def plan(arguments: argparse.Namespace) -> None:
     print(f"on a cluster this asks for: {asked} (docs/clusters.md)")
     errors = estimate(scene)
     told = ", ".join(f"{name} {100.0 * error:.2g} %" for name, error in errors.items())
-    why = "not estimated on graded meshes (docs/limits.md)" if scene.mesh.refine else "not estimated (docs/tradeoff.md)"
-    print(f"expected error of the mesh: {told or why}")
+    print(f"expected error of the mesh: {told or 'the result will tell it (docs/tradeoff.md)'}")
 
 
 def try_user_material(scene: Any, file: str) -> None:
@@ -140,18 +141,26 @@ def _chosen(scene: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     choice = choose_settings(scene, progress)
     progress(choice.text())
     errors = json.dumps(choice.errors, sort_keys=True)
-    return choice.changes, {"choice": choice.text(), "predicted_error": choice.predicted, "predicted_errors": errors}
+    basis = "from the runs on coarse meshes that chose the settings; right within a factor of 2"
+    told = {"choice": choice.text(), "predicted_error": choice.predicted, "predicted_errors": errors}
+    return choice.changes, told | {"error_basis": basis}
 
 
-def _estimated(scene: Any) -> dict[str, Any]:
-    """What a result tells of its own error: nothing where a run is too short for the pilot runs that it takes."""
-    plate = scene.geometry
-    if plate.width * plate.height < ESTIMATE_FROM * scene.mesh.spacing**2:
-        return {}
-    from pdhe.tradeoff.choose import estimate
+def _estimated(scene: Any, out: Path) -> Any:
+    """What a result that can be written tells of its own error, given what the run came to."""
+    from pdhe.tradeoff.own_error import own_error
+    from pdhe.wholefile import check_place
 
-    errors = estimate(scene)
-    return {"predicted_error": max(errors.values()), "predicted_errors": json.dumps(errors)} if errors else {}
+    check_place(out)
+    compared = own_error(scene, progress)
+
+    def remarks(contents: Any) -> dict[str, Any]:
+        told = compared.attributes(contents)
+        expected = f"{100.0 * told['predicted_error']:.2g} %, " if "predicted_error" in told else ""
+        progress(f"expected error of the mesh: {expected}{told['error_basis']}")
+        return told
+
+    return remarks
 
 
 def _mesh_blocks(spec: dict) -> tuple[Any, Any]:

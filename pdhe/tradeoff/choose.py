@@ -14,24 +14,20 @@ from pydantic import TypeAdapter
 from pdhe.case import EDGES, build_case
 from pdhe.errors import PdheError, SceneError
 from pdhe.fidelity import kind_of, smallest_feature, spacing_for
-from pdhe.provenance import PACKAGE
 from pdhe.scene import Scene, load_scene
 from pdhe.scene_blocks import SOLID_CELLS
 from pdhe.scene_fields import Accuracy
 from pdhe.scene_reading import read_scene_file, reporting
 from pdhe.simulation import Progress, simulate
+from pdhe.tradeoff.own_error import MODELS, ORDER_OF_INNER_SOURCES, settles
 from pdhe.tradeoff.quantities import distance, standard_values
 from pdhe.verification.slabs import nodes_of
 
-#: What the study of speed against accuracy measured; written by ``pdhe tradeoff-page --models``.
-MODELS = PACKAGE / "tradeoff" / "models.json"
 #: Cells along the smallest feature in the coarsest pilot run, and the number of pilot runs.
 COARSEST, PILOTS = 6, 3
-#: By how much finer than the coarsest pilot run a mesh must be for an estimate that comes with every result: the pilots
-#: then cost a tenth of the run (measured: 9 and 11 % of fracture with and without hydrogen) and less beyond.
+#: By how much finer than the coarsest pilot run a mesh must be for an estimate beforehand: the pilots then cost a tenth
+#: of the run (measured: 9 and 11 % of fracture with and without hydrogen) and less beyond.
 CHEAP = 6.0
-#: Order at which hydrogen from cracks and holes converges: its nodes are held half a cell inside (docs/limits.md).
-ORDER_OF_INNER_SOURCES = 1.0
 #: Tolerance of equilibria over the wanted accuracy: reactions were off by up to seven tolerances.
 TOLERANCE = 0.01
 #: Share of it that is aimed at: elastic and diffusion scenes that were held back needed up to 1.7 times the prediction.
@@ -119,7 +115,7 @@ def choose(path: str | Path, progress: Progress | None = None) -> Choice:
 
 
 def estimate(scene: Scene, progress: Progress | None = None) -> dict[str, float]:
-    """Expected error of each quantity of a scene as it is, relative, from runs on coarse meshes.
+    """Expected error of each quantity of a scene before it is run, relative, from runs on coarse meshes.
 
     Covers and leaves out what :func:`choose` does. Empty where nothing can be said cheaply: for meshes that are hardly
     finer than those of the pilot runs, graded meshes, bodies in space, horizons given as lengths, and scenes without a
@@ -150,7 +146,7 @@ def has_limit(scene: Scene) -> bool:
     """
     if scene.stepping.mode == "dynamic" or scene.mechanics.regions or scene.material.umat is not None:
         return False
-    return scene.damage is None or scene.hydrogen is None or scene.hydrogen.saturation is None
+    return settles(scene)
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,14 @@ import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
-from scipy.optimize import minimize_scalar
 
 from pdhe.scene import Scene
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: Times at which histories are compared, and lengths at which growing cracks are.
 SAMPLES = 40
@@ -193,6 +195,7 @@ def limit_of(spacings: Sequence[float], values: Sequence[np.ndarray], never: flo
 
 def _order(h: np.ndarray, q: np.ndarray) -> float:
     """Order of the best fit; the first where another one is not clearly better."""
+    from scipy.optimize import minimize_scalar
 
     def misfit(order: float) -> float:
         return _fit(h, q, order)[1]

@@ -106,7 +106,7 @@ def test_what_is_not_foretold_on_a_graded_mesh_is_said(tmp_path, capsys):
     assert main(["plan", str(path)]) == 0
     told = capsys.readouterr().out
     assert "graded spacing 0.001 to 0.004 m" in told and "expected memory" in told
-    assert "expected error of the mesh: not estimated on graded meshes (docs/limits.md)" in told
+    assert "expected error of the mesh: the result will tell it (docs/tradeoff.md)" in told
 
 
 FORETELL = """
