@@ -12,8 +12,10 @@ requirements-slurm.lock).
 """
 
 import ctypes
+import difflib
 import hashlib
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -54,6 +56,7 @@ def main(arguments):
         have = ".".join(map(str, sys.version_info[:3]))
         need = ".".join(map(str, OLDEST))
         raise SystemExit(f"error: Python {need} or newer is needed; {sys.executable} is {have}")
+    refuse_unknown(arguments)
     setup()
     if arguments == ["setup", "slurm"]:
         setup_slurm()
@@ -65,6 +68,31 @@ def main(arguments):
     if status and any((ROOT / ".snakemake" / "locks").glob("*")):
         say("the folder is locked by another run, or by one that was killed: then `python3 run.py --unlock`, and again")
     return status
+
+
+def refuse_unknown(arguments):
+    """Stop before anything is done if the first word is no command, no option, no file and no target of Snakemake."""
+    first = arguments[0] if arguments else "-"
+    if first == "setup":
+        if arguments[1:] not in ([], ["slurm"]):
+            wrong = " ".join(arguments[1:])
+            raise SystemExit(f"error: setup knows no '{wrong}'; there are `python3 run.py setup` and `... setup slurm`")
+    elif first != "test" and not first.startswith("-") and not re.search(r"[./\\]", first):
+        rules, targets = [], targets_in(ROOT / "Snakefile")
+        for path in (ROOT / "workflow" / "rules").glob("*.smk"):
+            rules += targets_in(path)
+        if first not in rules + targets:
+            near = difflib.get_close_matches(first, ["setup", "test", *targets, *rules], 1)
+            hint = f"did you mean `{near[0]}`? " if near else ""
+            raise SystemExit(
+                f"error: no command or target '{first}'; {hint}commands: setup, setup slurm, test; "
+                f"targets: {', '.join(sorted(targets))}, or a file below results/; all of it: python3 run.py --help"
+            )
+
+
+def targets_in(path):
+    """Names of the rules in a file of the workflow."""
+    return re.findall(r"^(?:rule|checkpoint) +(\w+) *:", path.read_text(encoding="utf-8"), re.MULTILINE)
 
 
 def setup():

@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pdhe import solid_mesh
+from pdhe.apart import apart
 from pdhe.errors import PdheError
 from pdhe.scene_blocks import SOLID_CELLS
 from pdhe.scene_checks import square_cells
@@ -56,7 +57,7 @@ _GMSH_LOCK = threading.Lock()
 def make_mesh(geometry: Geometry, mesh_spec: Mesh, path: str | os.PathLike[str]) -> None:
     """Mesh the plate and write it in gmsh's binary format 4.1, in metres.
 
-    The file appears complete or not at all.
+    The file appears complete or not at all. On Linux gmsh works in a process of its own, which a signal ends at once.
 
     Parameters
     ----------
@@ -79,30 +80,38 @@ def make_mesh(geometry: Geometry, mesh_spec: Mesh, path: str | os.PathLike[str])
     path = Path(path)
     _check_names(geometry, mesh_spec.cells in SOLID_CELLS)
     path.parent.mkdir(parents=True, exist_ok=True)
+    _import_gmsh()
     with moved_when_whole(path, sealed=True, ending=".msh") as temporary:
         temporary.touch()
-        with _gmsh_session() as gmsh:
-            # Lengths are in units of the spacing while gmsh works, whose tolerances are absolute; metres on writing.
-            gmsh.option.setNumber("Mesh.ScalingFactor", mesh_spec.spacing)
-            if mesh_spec.cells in SOLID_CELLS:
-                groups, volumes = solid_mesh.model(gmsh, geometry, mesh_spec)
-                _add_groups(gmsh, groups, volumes, 3)
-                solid_mesh.generate(gmsh, mesh_spec)
-            elif mesh_spec.cells == "quadrilateral" and not geometry.holes:
-                _structured(gmsh, geometry, mesh_spec)
-                gmsh.model.mesh.generate(2)
-            else:
-                _unstructured(gmsh, geometry, mesh_spec)
-                if mesh_spec.refine:
-                    _generate_to_field(gmsh, SizeField(geometry, mesh_spec), mesh_spec.spacing)
-                else:
-                    _generate_to_size(gmsh, EDGE_OVER_SPACING[mesh_spec.cells])
-            gmsh.write(str(temporary))
+        # One call of gmsh may take minutes, in which it hears of no signal.
+        with _GMSH_LOCK:
+            apart(lambda: _mesh_to(geometry, mesh_spec, temporary))
         # gmsh takes no notice of what the system says of its writing.
         with temporary.open("rb") as file:
             file.seek(-min(len(END), temporary.stat().st_size), os.SEEK_END)
             if file.read() != END:
                 raise why_not_written(temporary, "the mesh could not be written to its end")
+
+
+def _mesh_to(geometry: Geometry, mesh_spec: Mesh, path: Path) -> None:
+    """Mesh the plate and let gmsh write the mesh."""
+    with _gmsh_session() as gmsh:
+        # Lengths are in units of the spacing while gmsh works, whose tolerances are absolute; metres on writing.
+        gmsh.option.setNumber("Mesh.ScalingFactor", mesh_spec.spacing)
+        if mesh_spec.cells in SOLID_CELLS:
+            groups, volumes = solid_mesh.model(gmsh, geometry, mesh_spec)
+            _add_groups(gmsh, groups, volumes, 3)
+            solid_mesh.generate(gmsh, mesh_spec)
+        elif mesh_spec.cells == "quadrilateral" and not geometry.holes:
+            _structured(gmsh, geometry, mesh_spec)
+            gmsh.model.mesh.generate(2)
+        else:
+            _unstructured(gmsh, geometry, mesh_spec)
+            if mesh_spec.refine:
+                _generate_to_field(gmsh, SizeField(geometry, mesh_spec), mesh_spec.spacing)
+            else:
+                _generate_to_size(gmsh, EDGE_OVER_SPACING[mesh_spec.cells])
+        gmsh.write(str(path))
 
 
 def structured_counts(width: float, height: float, spacing: float) -> tuple[int, int]:
@@ -147,28 +156,25 @@ def _import_gmsh() -> Any:
 def _gmsh_session() -> Iterator[Any]:
     """A quiet gmsh with one thread and a fresh model, closed on the way out; its failures become ``PdheError``."""
     gmsh = _import_gmsh()
-    with _GMSH_LOCK:
-        # No configuration files: a mesh depends on the scene alone. No signal handler: works outside the main thread.
-        gmsh.initialize(argv=[], readConfigFiles=False, run=False, interruptible=False)
-        try:
-            for option, value in {
-                "General.Terminal": 0,
-                "General.NumThreads": 1,
-                "Mesh.Binary": 1,
-                "Mesh.MshFileVersion": 4.1,
-            }.items():
-                gmsh.option.setNumber(option, value)
-            gmsh.model.add(PLATE)
-            yield gmsh
-        except PdheError:
-            raise
-        except Exception as error:  # gmsh raises bare Exception
-            reason = str(error) or "it gives no reason, as where memory runs out"
-            raise PdheError(
-                f"gmsh could not mesh the plate: {reason}; check holes and cracks, or the spacing"
-            ) from error
-        finally:
-            gmsh.finalize()
+    # No configuration files: a mesh depends on the scene alone. No signal handler: works outside the main thread.
+    gmsh.initialize(argv=[], readConfigFiles=False, run=False, interruptible=False)
+    try:
+        for option, value in {
+            "General.Terminal": 0,
+            "General.NumThreads": 1,
+            "Mesh.Binary": 1,
+            "Mesh.MshFileVersion": 4.1,
+        }.items():
+            gmsh.option.setNumber(option, value)
+        gmsh.model.add(PLATE)
+        yield gmsh
+    except PdheError:
+        raise
+    except Exception as error:  # gmsh raises bare Exception
+        reason = str(error) or "it gives no reason, as where memory runs out"
+        raise PdheError(f"gmsh could not mesh the plate: {reason}; check holes and cracks, or the spacing") from error
+    finally:
+        gmsh.finalize()
 
 
 def _corners(width: float, height: float) -> tuple[tuple[float, float], ...]:

@@ -9,14 +9,17 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from contextlib import contextmanager
 from pathlib import Path
 
 import gmsh
 import numpy as np
+import psutil
 import pytest
 
 from pdhe import checkpoint, cli, wholefile
+from pdhe.apart import apart
 from pdhe.benchmarks.problems import lattice_nodes
 from pdhe.checkpoint import CADENCE, Keeper, identity
 from pdhe.discretization import discretize, read_discretization
@@ -24,6 +27,7 @@ from pdhe.errors import PdheError
 from pdhe.results import Contents, open_result
 from pdhe.scene import load_scene
 from pdhe.simulation import solve_case
+from pdhe.wholefile import PART
 
 pytestmark = pytest.mark.usefixtures("heeding_interrupts")
 
@@ -269,6 +273,61 @@ def test_a_signal_while_writing_leaves_nothing_half_written(name, sent, made, tm
         assert status == 128 + sent and told.startswith("interrupted")
     assert not [path for path in tmp_path.iterdir() if not path.name.endswith(".checkpoint")]
     assert signal.getsignal(signal.SIGTERM) is before
+
+
+@pytest.fixture
+def long_mesh(tmp_path):
+    """A mesh under way that one call of gmsh takes 10 s for, and the process that works on it."""
+    spec = {
+        "geometry": {"plate": {"width": 1.0, "height": 1.0, "thickness": 0.001}},
+        "mesh": {"spacing": 0.0012, "cells": "triangle"},
+    }
+    words = [sys.executable, "-m", "pdhe", "mesh", "--spec", json.dumps(spec), "--out", str(tmp_path / "a.msh")]
+    environment = {name: value for name, value in os.environ.items() if name != "PDHE_WARM"}
+    with subprocess.Popen(words, cwd=ROOT, stderr=subprocess.PIPE, text=True, env=environment) as command:
+        end = time.monotonic() + 60.0
+        while not (children := psutil.Process(command.pid).children()):
+            assert command.poll() is None and time.monotonic() < end
+            time.sleep(0.01)
+        time.sleep(0.5)
+        yield command, children[0]
+        command.kill()
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="gmsh works in the same process elsewhere")
+@pytest.mark.parametrize("sent", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+def test_a_signal_while_gmsh_works_ends_it_at_once(sent, long_mesh, tmp_path):
+    command, worker = long_mesh
+    begin = time.monotonic()
+    command.send_signal(sent)
+    _, told = command.communicate(timeout=30)
+    worker.wait(30)
+    # Measured 0.05 s; all of it would take 10 s.
+    assert time.monotonic() - begin < 5.0
+    if sent == signal.SIGKILL:
+        assert all(PART.fullmatch(path.name) for path in tmp_path.iterdir())
+    else:
+        assert command.returncode == 128 + sent
+        assert told.startswith("interrupted") and not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="work is done in the same process elsewhere")
+def test_errors_of_work_apart_come_back():
+    def raising(error):
+        def work():
+            raise error
+
+        return work
+
+    for error in (PdheError("no"), MemoryError("none"), OSError(errno.ENOSPC, "No space left", "a place")):
+        with pytest.raises(type(error)) as back:
+            apart(raising(error))
+        assert str(back.value) == str(error)
+    with pytest.raises(RuntimeError, match=r"in work(.|\n)*ZeroDivisionError"):
+        apart(raising(ZeroDivisionError()))
+    with pytest.raises(PdheError, match="ended by SIGKILL; was there enough memory"):
+        apart(lambda: os.kill(os.getpid(), signal.SIGKILL))
+    assert apart(lambda: None) is None
 
 
 def test_no_memory_is_told(made, tmp_path, capsys, monkeypatch):

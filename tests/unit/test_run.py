@@ -117,3 +117,38 @@ def test_missing_venv_module_names_its_package(run, monkeypatch):
     lacking(run, monkeypatch, root=False, sudo=False)
     with pytest.raises(SystemExit, match=r"python3\.\d+-venv"):
         run.make_venv()
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("setup slrum", "setup knows no 'slrum'; there are `python3 run.py setup` and `... setup slurm`"),
+        ("setup slurm now", "setup knows no 'slurm now'"),
+        ("setup --help", "setup knows no '--help'"),
+        ("tset", "no command or target 'tset'; did you mean `test`? commands: setup, setup slurm, test; targets: all,"),
+        ("verifcation", "did you mean `verification`?"),
+        ("xyz", "no command or target 'xyz'; commands: "),
+    ],
+)
+def test_an_unknown_word_is_refused_before_anything_is_done(words, told, run, commands):
+    with pytest.raises(SystemExit) as stop:
+        run.main(words.split())
+    assert str(stop.value).startswith(f"error: {told}") or told in str(stop.value)
+    assert "\n" not in str(stop.value) and not commands
+
+
+@pytest.mark.parametrize(
+    "words", ["", "-n", "figures", "solve -n", "results/report.html", "--configfile x.yaml", "-- all"]
+)
+def test_what_snakemake_knows_goes_to_it(words, run, commands, monkeypatch):
+    monkeypatch.setattr(run, "setup", lambda: None)
+    assert run.main(words.split()) == 0
+    assert commands[-1].endswith(f"-m snakemake --cores 2 {words}".rstrip())
+
+
+@pytest.mark.parametrize("words", ["setup", "setup slurm", "test --slow -k x"])
+def test_commands_are_known(words, run, commands, monkeypatch):
+    monkeypatch.setattr(run, "setup", lambda: None)
+    monkeypatch.setattr(run, "setup_slurm", lambda: commands.append("slurm"))
+    assert run.main(words.split()) == 0
+    assert commands == {"setup": [], "setup slurm": ["slurm"]}.get(words, commands)
