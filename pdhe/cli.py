@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import errno
+import functools
 import os
 import signal
 import sys
@@ -114,6 +115,7 @@ def _terminable() -> Iterator[None]:
             signal.signal(signal.SIGTERM, signal.SIG_DFL if before is None else before)
 
 
+@functools.cache
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="pdhe", description="Studies of hydrogen-assisted fracture.")
     parser.add_argument("--version", action=_Version, nargs=0, help="show program's version number and exit")
