@@ -46,13 +46,13 @@ def run(folder, *arguments, **settings):
 
 
 def waiting(folder):
-    """Numbers of the processes that serve this folder."""
-    found = []
-    for process in psutil.process_iter(["cmdline"]):
+    """Numbers of the processes that serve this folder, without those that one of them starts to do something apart."""
+    found = {}
+    for process in psutil.process_iter(["cmdline", "ppid"]):
         command = process.info["cmdline"] or []
         if "pdhe.warm" in command and str(folder) in command:
-            found.append(process.pid)
-    return found
+            found[process.pid] = process.info["ppid"]
+    return [number for number, parent in found.items() if parent not in found]
 
 
 def soon(condition, limit=20.0):
@@ -108,8 +108,7 @@ def long_solve(run_of_workflow, tmp_path):
     command = start(folder, "solve", "--spec", json.dumps(spec), *files)
     try:
         assert any("scene:" in line for line in command.stdout)
-        # A process that starts a program shows up twice for an instant: the older one is meant.
-        process = min(waiting(folder), key=lambda number: psutil.Process(number).create_time())
+        (process,) = waiting(folder)
         yield command, process, result
     finally:
         command.kill()
