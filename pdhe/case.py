@@ -26,7 +26,7 @@ from pdhe.histories import make_increments, make_user_body
 from pdhe.increments import Increments
 from pdhe.materials import MODELS, Body, BondLoad, Model, make_body
 from pdhe.materials.constants import Orthotropic
-from pdhe.materials.user import UserBody
+from pdhe.materials.user import SolidUserBody, UserBody
 from pdhe.mirrors import EDGE_AXIS, Symmetry
 from pdhe.scene import Scene
 from pdhe.scene_mirrors import edge_segments, mirrors_through, region_diagonal
@@ -94,9 +94,9 @@ class Case:
         return None if mechanics is None else mechanics.body
 
     @property
-    def history(self) -> UserBody | None:
+    def history(self) -> UserBody | SolidUserBody | None:
         """The body, where its forces depend on how it came to its displacements; None for all others."""
-        return self.body if isinstance(self.body, UserBody) else None
+        return self.body if isinstance(self.body, UserBody | SolidUserBody) else None
 
 
 def partial_volume_rule(scene: Scene, discretization: Discretization) -> str:
@@ -164,7 +164,7 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
             _require_positive_stiffness(scene, body, ~conditions.fixed)
         if scene.stepping.mode == "dynamic":
             dynamics = _dynamics(scene, d, body, conditions)
-        elif isinstance(body, UserBody):
+        elif isinstance(body, UserBody | SolidUserBody):
             equilibrium = make_increments(scene, d, body, conditions.fixed)
         else:
             equilibrium = Equilibrium(

@@ -15,7 +15,7 @@ from pdhe.errors import PdheError, SceneError
 from pdhe.increments import Increments
 from pdhe.materials.correspondence import Correspondence
 from pdhe.materials.umat import TRIAL_STRAIN, UserMaterial, UserPoints, build
-from pdhe.materials.user import UserBody
+from pdhe.materials.user import SolidUserBody, UserBody
 from pdhe.scene_umat import content_of
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def _try(material: UserMaterial) -> None:
 
 def make_user_body(
     scene: Scene, bonds: Bonds, model: Correspondence, coordinates: np.ndarray, volume: np.ndarray
-) -> UserBody:
+) -> UserBody | SolidUserBody:
     """The body of a scene with a user material; arguments as for :class:`UserBody`.
 
     Raises
@@ -111,18 +111,19 @@ def make_user_body(
     SceneError
         As :func:`user_material`.
     """
-    return UserBody(bonds, model, coordinates, volume, user_material(scene))
+    kind = UserBody if scene.plane else SolidUserBody
+    return kind(bonds, model, coordinates, volume, user_material(scene))
 
 
-def make_increments(scene: Scene, d: Discretization, body: UserBody, fixed: np.ndarray) -> Increments:
-    """What brings the body of a scene from one load step to the next; ``fixed`` are prescribed, bool (n, 2)."""
+def make_increments(scene: Scene, d: Discretization, body: UserBody | SolidUserBody, fixed: np.ndarray) -> Increments:
+    """What brings the body of a scene from one load step to the next; ``fixed`` are prescribed, bool (n, dim)."""
     solver, steps = scene.solver, scene.stepping.load_steps
     return Increments(
         body, fixed, d.spacing, solver.tolerance, max_iterations=solver.max_iterations, length=scene.time.end / steps
     )
 
 
-def node_fields(scene: Scene, body: UserBody) -> dict[str, np.ndarray]:
+def node_fields(scene: Scene, body: UserBody | SolidUserBody) -> dict[str, np.ndarray]:
     """Stresses, Pa (n, c), and each state variable (n,) at the last committed step, by their names in results."""
     points = body.points
     names = (f"state_{state.name}" for state in scene.material.umat.states)
@@ -135,7 +136,7 @@ def units_of(scene: Scene) -> dict[str, str]:
     return {} if umat is None else {f"state_{state.name}": state.unit for state in umat.states}
 
 
-def energies(body: UserBody, u: np.ndarray, copies: int) -> dict[str, float]:
+def energies(body: UserBody | SolidUserBody, u: np.ndarray, copies: int) -> dict[str, float]:
     """Energies at the last committed step, J, of the whole body: what is stored (SSE), and lost (SPD, SCD)."""
     plastic, creep = copies * body.dissipation().sum(axis=0)
     return {
@@ -151,7 +152,7 @@ def corners_between(corners: Sequence[float], scene: Scene) -> list[float]:
     return [t for t, step in steps if abs(step - round(step)) > ROUND_OFF * max(1.0, step)]
 
 
-def describe(scene: Scene, body: UserBody) -> str:
+def describe(scene: Scene, body: UserBody | SolidUserBody) -> str:
     """A line of the plan."""
     umat, points = scene.material.umat, body.points
     names = ", ".join(f"{state.name} [{state.unit}]" for state in umat.states)

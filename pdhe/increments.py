@@ -11,7 +11,7 @@ import numpy as np
 from pdhe.errors import SimulationError
 from pdhe.fields import FIELDS
 from pdhe.kernels.vectors import dot
-from pdhe.materials.user import UserBody
+from pdhe.materials.user import SolidUserBody, UserBody
 from pdhe.netcdf import Variable, write_netcdf
 from pdhe.solvers import Preconditioner, Work
 
@@ -34,7 +34,7 @@ class Increments:
     body
         The body; its history is advanced.
     fixed
-        Prescribed degrees of freedom, bool (n, 2).
+        Prescribed degrees of freedom, bool (n, dim).
     spacing
         Of each node, m (n,).
     tolerance
@@ -52,7 +52,7 @@ class Increments:
 
     def __init__(
         self,
-        body: UserBody,
+        body: UserBody | SolidUserBody,
         fixed: np.ndarray,
         spacing: np.ndarray,
         tolerance: float = 1e-8,
@@ -100,16 +100,16 @@ class Increments:
         Parameters
         ----------
         u
-            Displacements of the last equilibrium, m (n, 2); not changed.
+            Displacements of the last equilibrium, m (n, dim); not changed.
         prescribed
-            Values of the fixed degrees of freedom at the end of the increment, m (n, 2).
+            Values of the fixed degrees of freedom at the end of the increment, m (n, dim).
         length
             Time of the increment, s.
 
         Returns
         -------
         u, force
-            Displacements, m, and internal forces, N, both (n, 2).
+            Displacements, m, and internal forces, N, both (n, dim).
 
         Raises
         ------
@@ -198,7 +198,8 @@ class Increments:
             if not curvature > 0.0:
                 raise SimulationError(
                     f"equilibrium of increment {self.body.points.increments + 1} not reached: DDSDDE of the user "
-                    "material is not positive (softening?); take shorter increments"
+                    "material is not positive (softening?), or the body is not held against moving as a whole; take "
+                    "shorter increments, or hold more of it"
                 )
             out += rz / curvature * direction
             residual += rz / curvature * change
@@ -215,12 +216,12 @@ class Increments:
 class Steps:
     """Collects what a body with a history was like after its increments, and writes it into one file."""
 
-    def __init__(self, body: UserBody) -> None:
+    def __init__(self, body: UserBody | SolidUserBody) -> None:
         self.body = body
         self._kept: dict[str, list[np.ndarray]] = {"time": [], "displacement": [], "stress": [], "state_variables": []}
 
     def note(self, u: np.ndarray) -> None:
-        """Keep the displacements, m (n, 2), and the history at the last committed step."""
+        """Keep the displacements, m (n, dim), and the history at the last committed step."""
         points = self.body.points
         for name, value in (
             ("time", np.array(points.time)),
@@ -233,7 +234,8 @@ class Steps:
     def write(self, path: str | Path) -> None:
         """Write a NetCDF file, whole or not at all, of the variables that :data:`pdhe.fields.FIELDS` declares."""
         points = self.body.points
-        data = {"node_x": points.coordinates[:, 0], "node_y": points.coordinates[:, 1], "volume": self.body.volume}
+        axes = zip(("node_x", "node_y", "node_z"), points.coordinates.T, strict=False)
+        data = {**dict(axes), "volume": self.body.volume}
         data |= {name: np.array(values) for name, values in self._kept.items()}
         if not points.state.size:
             del data["state_variables"]

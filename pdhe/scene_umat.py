@@ -186,7 +186,6 @@ def check_umat(scene: "Scene") -> None:
         hint = "use `mechanics: {model: correspondence}`"
         raise problem("has no deformation gradient, which a user material needs", hint, "mechanics.model")
     for found, key, text, hint in (
-        (scene.mesh.solid, "mesh.cells", "fills space: scenes with user materials are plates", "use a plane mesh"),
         (scene.material.orthotropic is not None, "material.orthotropic",
          "has no meaning beside `umat`, which has constants of its own", "leave one of them out"),
         (scene.solver.precision != "double", "solver.precision", f"must be double {here}", "leave it out"),
