@@ -38,7 +38,9 @@ def start_motion(case: Case, state: State, until: float, guess: np.ndarray | Non
     if not case.conditions.changes(state.time, until):
         return Motion(state.time, until, u0, u0, force0, force0)
     target = case.conditions.values(until)
-    u1, force1 = case.equilibrium.solve(_proportional(u0, case, state.time, target) if guess is None else guess, target)
+    if guess is None:
+        guess = _proportional(u0, case, state.time, target) if case.linear else u0
+    u1, force1 = case.equilibrium.solve(guess, target)
     return Motion(state.time, until, u0, u1, force0, force1)
 
 

@@ -24,10 +24,11 @@ from pdhe.embrittlement import LAWS, resistance
 from pdhe.errors import SceneError
 from pdhe.histories import make_increments, make_user_body
 from pdhe.increments import Increments
-from pdhe.materials import MODELS, Body, BondLoad, Model, make_body
+from pdhe.materials import MODELS, Body, BondLoad, FiniteStrain, Model, make_body
 from pdhe.materials.constants import Orthotropic
 from pdhe.materials.user import SolidUserBody, UserBody
 from pdhe.mirrors import EDGE_AXIS, Symmetry
+from pdhe.newton import NewtonEquilibrium
 from pdhe.scene import Scene
 from pdhe.scene_mirrors import edge_segments, mirrors_through, region_diagonal
 from pdhe.segments import distance_to_segment
@@ -69,7 +70,7 @@ class Case:
     scene: Scene
     discretization: Discretization
     bonds: Bonds | Families
-    equilibrium: Equilibrium | Increments | None
+    equilibrium: Equilibrium | Increments | NewtonEquilibrium | None
     conditions: DisplacementConditions | None
     rule: FailureRule | None
     diffusion: Diffusion | None
@@ -86,6 +87,11 @@ class Case:
         if self.discretization.dimension == 3:
             return np.min([surface_of(crack, thickness).distance(points) for crack in cracks], axis=0)
         return np.min([distance_to_segment(points, crack.start, crack.end) for crack in cracks], axis=0)
+
+    @property
+    def linear(self) -> bool:
+        """Whether displacements are proportional to what is prescribed, as long as nothing breaks."""
+        return not isinstance(self.equilibrium, NewtonEquilibrium | Increments)
 
     @property
     def body(self) -> Body | None:
@@ -166,6 +172,11 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
             dynamics = _dynamics(scene, d, body, conditions)
         elif isinstance(body, UserBody | SolidUserBody):
             equilibrium = make_increments(scene, d, body, conditions.fixed)
+        elif isinstance(body, FiniteStrain):
+            settings = scene.solver
+            equilibrium = NewtonEquilibrium(
+                body, conditions.fixed, d.spacing, settings.tolerance, settings.max_iterations
+            )
         else:
             equilibrium = Equilibrium(
                 body, conditions.fixed, d.coordinates, d.spacing, scene.solver.tolerance, scene.solver.max_iterations

@@ -73,12 +73,14 @@ def pilot_scene(scene: Scene, nodes: int) -> Scene | None:
 
     A graded mesh keeps its shape: all spacings become larger by the same factor. Where bonds may break, all outputs but
     the last are left out: on few nodes they, and not the failures, would decide on the length of diffusion steps. None
-    for motions with inertia, whose steps are known beforehand, and for user materials.
+    for motions with inertia, whose steps are known beforehand, for user materials and for large strains.
     """
     coarsening = (nodes / PILOT_NODES) ** (1.0 / (3 if scene.mesh.solid else 2))
     if scene.mesh.refine:
         coarsening = max(LEAST_COARSENING, coarsening) if nodes >= LEAST_GRADED else 0.0
-    if coarsening < LEAST_COARSENING or scene.stepping.mode == "dynamic" or scene.material.umat is not None:
+    if coarsening < LEAST_COARSENING or scene.stepping.mode == "dynamic":
+        return None
+    if scene.material.umat is not None or scene.mechanics.strain == "finite":
         return None
     try:
         return coarser(scene, coarsening, outputs=scene.damage is None)

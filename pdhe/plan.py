@@ -165,6 +165,10 @@ def _mechanics(case: Case) -> str:
         how = f"with inertia, density {case.scene.material.density:g} kg/m^3"
     elif case.history is not None:
         how = f"increments by Newton's method to {case.equilibrium.tolerance:g}"
+    elif not case.linear:
+        how = (
+            f"large strains (Saint Venant-Kirchhoff), equilibrium by Newton's method to {case.equilibrium.tolerance:g}"
+        )
     else:
         how = f"equilibrium by conjugate gradients to {case.equilibrium.tolerance:g}"
     where = f"plane {case.scene.plane}" if case.scene.plane else "in space"

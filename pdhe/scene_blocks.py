@@ -342,13 +342,15 @@ class StiffnessOn(Block):
 class Mechanics(Block):
     """The elastic model, its weights and the treatment of cells that the horizon cuts.
 
-    ``plane`` says what vanishes across the plate: stress or strain. ``zero_energy`` and its strength are for the model
+    ``plane`` says what vanishes across the plate: stress or strain. With ``strain: finite``, for the model
+    ``correspondence``, strains and rotations may be large. ``zero_energy`` and its strength are for the model
     ``correspondence``: what resists displacements that its gradient does not see. ``axes`` are those of an orthotropic
     material. ``regions`` have Young's moduli of their own; later entries go before earlier ones.
     """
 
     model: Annotated[str, choice(*MODELS)] = "condensed rotation"
     plane: Annotated[str, choice("stress", "strain")] = "stress"
+    strain: Annotated[str, choice("small", "finite")] = "small"
     zero_energy: Annotated[str, choice("wan", "silling")] = "wan"
     zero_energy_strength: fields.Strength = 1.0
     axes: Annotated[tuple[Axes, ...], BeforeValidator(fields.as_list)] | None = None

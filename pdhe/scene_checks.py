@@ -66,6 +66,7 @@ def check_scene(scene: "Scene") -> None:
     _check_loads(scene)
     _check_dynamics(scene)
     check_umat(scene)
+    _check_strain(scene)
     _check_coverage(scene)
 
 
@@ -537,6 +538,23 @@ def _check_dynamics(scene: "Scene") -> None:
                 if any(other.on == load.on and axis in other.motion for other in loads):
                     text = f"acts on `{load.on}`, whose motion along {'xyz'[axis]} is prescribed"
                     raise problem(text, "keep one of them", f"loads.{k}.{key}.{'xyz'[axis]}")
+
+
+def _check_strain(scene: "Scene") -> None:
+    """Check what large strains need, and what is not known for them."""
+    if scene.loads is None or scene.mechanics.strain == "small":
+        return
+    if scene.mechanics.model != "correspondence":
+        text = f"is not known to model `{scene.mechanics.model}`"
+        raise problem(text, "use `mechanics: {model: correspondence}`, or leave it out", "mechanics.strain")
+    for found, key, text, hint in (
+        (scene.material.umat is not None, "material.umat", "is called with small strains alone", "leave one of them"),
+        (scene.damage is not None, "damage", "has energies of bonds for small strains alone", "leave one of them"),
+        (scene.stepping.mode == "dynamic", "stepping.mode", "has proved steps for small strains alone",
+         "use mode `events` or `fixed`"),
+    ):  # fmt: skip
+        if found:
+            raise problem(f"{text}, not for `mechanics.strain: finite`", f"{hint}, or use `strain: small`", key)
 
 
 def _check_coverage(scene: "Scene") -> None:

@@ -333,7 +333,9 @@ def _step_events(run: Run, log: Progress, offer: Callable[[Run], None]) -> None:
     case, state = run.case, run.state
     outputs = [t for t in case.scene.outputs.times if t > 0.0]
     end = case.scene.time.end
-    corners = sorted({t for t in _corners(case) if 0.0 < t < end} | {end})
+    # Where displacements are not straight between two corners, outputs have equilibria of their own.
+    turns = [*_corners(case), *([] if case.linear else outputs)]
+    corners = sorted({t for t in turns if 0.0 < t < end} | {end})
     if run.failing_from is not None:
         u = state.displacement
         _fail(run, Candidates(case.body, case.rule, u, u, state.coverage), 0.0, log, offer)
@@ -533,8 +535,7 @@ def record(case: Case, state: State, recorder: Recorder, snapshot: bool) -> None
         row |= case.conditions.reactions(state.force)
         row |= {f"applied_{p.on}_{'xyz'[p.component]}": p.value(state.time) for p in case.conditions.prescribed}
         if case.history is None:
-            # In equilibrium of a linear body: half the work of the forces that hold it, without another sweep.
-            row["elastic_energy"] = -0.5 * case.copies * float(np.sum(state.force * state.displacement))
+            row["elastic_energy"] = case.copies * case.equilibrium.elastic(state.displacement, state.force)
         else:
             row |= energies(case.history, state.displacement, case.copies)
             fields |= node_fields(case.scene, case.history)

@@ -298,6 +298,11 @@ class Equilibrium:
             self._preconditioner = None
         return u, force
 
+    @staticmethod
+    def elastic(u: np.ndarray, force: np.ndarray) -> float:
+        """Elastic energy in equilibrium, J: half the work of the forces that hold the body, without another sweep."""
+        return -0.5 * float(np.sum(force * u))
+
     def _force(self, u: np.ndarray) -> np.ndarray:
         self.work.force_sweeps += 1
         return self.body.force(u)

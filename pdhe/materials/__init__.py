@@ -8,6 +8,7 @@ from pdhe.bonds import Bonds
 from pdhe.materials.body import BY_ENERGY, BY_STRETCH, Body, BondLoad, Measure, Model
 from pdhe.materials.bond import BondBody, CondensedRotation, OneParameter, ThesisSpring
 from pdhe.materials.correspondence import Correspondence, CorrespondenceBody
+from pdhe.materials.finite_strain import FiniteStrain, FiniteStrainBody, FiniteStrainSolidBody
 from pdhe.materials.state_based import StateBased, StateBasedBody
 
 __all__ = [
@@ -20,6 +21,7 @@ __all__ = [
     "CondensedRotation",
     "Correspondence",
     "CorrespondenceBody",
+    "FiniteStrain",
     "Measure",
     "Model",
     "OneParameter",
@@ -52,5 +54,7 @@ def make_body(
     Only :class:`BondBody` can be given ``relative``.
     """
     kind = model.body if bonds.dimension == 2 else model.solid_body
+    if isinstance(model, Correspondence) and model.strain == "finite":
+        kind = FiniteStrainBody if bonds.dimension == 2 else FiniteStrainSolidBody
     own = () if relative is None else (relative,)
     return kind(bonds, model, coordinates, volume, precision, *own)

@@ -245,10 +245,12 @@ def _principal(tensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class Correspondence(Model):
-    """Non-ordinary state-based model of a classical stress (Silling et al. 2007) under small strains.
+    """Non-ordinary state-based model of a classical stress (Silling et al. 2007).
 
     Attributes
     ----------
+    strain
+        ``small``, or ``finite``: the bodies of :mod:`pdhe.materials.finite_strain`.
     zero_energy
         Which of :data:`CONTROLS` resists displacements that no gradient sees.
     zero_energy_strength
@@ -264,6 +266,7 @@ class Correspondence(Model):
 
     body = CorrespondenceBody
     solid_body = SolidCorrespondenceBody
+    strain: str = "small"
     zero_energy: str = "wan"
     zero_energy_strength: float = 1.0
     orthotropic: constants.Orthotropic | None = None

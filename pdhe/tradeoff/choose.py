@@ -141,10 +141,13 @@ def estimate(scene: Scene, progress: Progress | None = None) -> dict[str, float]
 def has_limit(scene: Scene) -> bool:
     """Tell whether the answer of a scene settles as the mesh is refined, at an order that has been measured.
 
-    Not where fresh crack faces are saturated, and not known with inertia, where Young's modulus differs by place, or
-    for user materials.
+    Not where fresh crack faces are saturated, and not known with inertia, where Young's modulus differs by place, for
+    user materials, or under large strains.
     """
-    if scene.stepping.mode == "dynamic" or scene.mechanics.regions or scene.material.umat is not None:
+    mechanics = scene.mechanics
+    if scene.stepping.mode == "dynamic" or mechanics.regions or scene.material.umat is not None:
+        return False
+    if mechanics.strain == "finite":
         return False
     return settles(scene)
 

@@ -29,6 +29,7 @@ from pdhe.increments import Increments
 from pdhe.materials.umat import UserMaterial, UserPoints
 from pdhe.mesh import make_mesh
 from pdhe.netcdf import read_netcdf
+from pdhe.newton import NewtonEquilibrium
 from pdhe.provenance import canonical
 from pdhe.results import open_result
 from pdhe.scene import load_scene
@@ -608,5 +609,9 @@ def test_nothing_that_has_a_history_is_forgotten(tmp_path):
     given = {"body", "fixed", "free", "tolerance", "most_iterations", "cuts", "max_iterations", "length", "_spacing"}
     # Residuals of the last increment are for looking at; the preconditioner is always that of the whole body.
     assert vars(increments).keys() - given == {"reference", "work", "residuals", "_precondition"}
+    newton = NewtonEquilibrium(SimpleNamespace(), np.zeros((0, 2), bool), np.zeros(0))
+    given = {"body", "fixed", "free", "spacing", "tolerance", "max_iterations"}
+    # The preconditioner is made anew for every solve.
+    assert vars(newton).keys() - given - {"work", "residuals", "_precondition"} == set(newton.memory())
     simple = {"float", "float | None", "int", "np.ndarray", "np.ndarray | None"}
     assert [field.name for field in fields(State) if field.type not in simple] == ["stepper"]
