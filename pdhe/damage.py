@@ -139,18 +139,18 @@ def critical_stretch(
 def stretch_factors(
     bonds: Bonds, toughness: np.ndarray | None = None, criterion: Criterion = CRITERIA["energy"]
 ) -> dict[str, np.ndarray]:
-    """``factor`` and ``least_factor`` of a :class:`FailureRule` where bonds have different critical stretches.
+    """``squares`` and ``least_factor`` of a :class:`FailureRule` where bonds have different critical stretches.
 
     ``toughness`` is the fracture energy of every directed bond over that of the material, (b,) (theory, eqs. 5.11 to
     5.13). Empty where all bonds are alike.
     """
-    varying = [values for values in (stretch_squares(bonds, criterion), toughness) if values is not None]
+    varying = tuple(values for values in (stretch_squares(bonds, criterion), toughness) if values is not None)
     if not varying:
         return {}
     factor = np.sqrt(np.prod(varying, axis=0))
     least, some = np.ones(bonds.node_count), np.diff(bonds.offsets) > 0
     least[some] = np.minimum.reduceat(factor, bonds.offsets[:-1][some])
-    return {"factor": factor, "least_factor": least}
+    return {"squares": varying, "least_factor": least}
 
 
 def together_at(tolerance: float) -> float:
@@ -181,9 +181,9 @@ class FailureRule:
     may_fail
         Directed bonds that are allowed to break, bool (b,); each undirected bond is marked once, seen from the lower
         node.
-    factor
-        What ``critical`` is to be multiplied with for each directed bond (b,) where they differ (theory,
-        eqs. 5.11 to 5.13). None where they do not.
+    squares
+        Arrays (b,) whose product is the square of what ``critical`` is to be multiplied with for each directed bond
+        where they differ (theory, eqs. 5.11 to 5.13). That by the horizon is the bonds' own array, not a copy.
     least_factor
         The smallest factor in the family of each node (n,), or None.
     together
@@ -196,9 +196,13 @@ class FailureRule:
     load: BondLoad
     resistance: Callable[[np.ndarray], np.ndarray] | None
     may_fail: np.ndarray
-    factor: np.ndarray | None = None
+    squares: tuple[np.ndarray, ...] = ()
     least_factor: np.ndarray | None = None
     together: float = 0.0
+
+    def factor(self, bond: np.ndarray | slice = slice(None)) -> np.ndarray | float:
+        """What ``critical`` is to be multiplied with for some directed bonds, all by default; 1 where all are alike."""
+        return np.sqrt(np.prod([values[bond] for values in self.squares], axis=0)) if self.squares else 1.0
 
     @property
     def weakest(self) -> float:
@@ -210,14 +214,14 @@ class FailureRule:
 
         Without ``bond`` it is that of the reference horizon.
         """
-        critical = self.critical if bond is None or self.factor is None else self.critical * self.factor[bond]
+        critical = self.critical if bond is None else self.critical * self.factor(bond)
         if psi is None or self.resistance is None:
             return critical
         return critical * self.resistance(psi)
 
     def weakest_of(self, bond: np.ndarray) -> np.ndarray | float:
         """The smallest critical stretch that any coverage can lead to, of some directed bonds."""
-        return self.weakest if self.factor is None else self.weakest * self.factor[bond]
+        return self.weakest * self.factor(bond)
 
     def least(self, critical: np.ndarray | float, nodes: int) -> np.ndarray:
         """For each node the critical stretch, of the reference horizon, as its weakest bond has it (n,).

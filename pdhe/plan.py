@@ -152,8 +152,7 @@ def bond_bytes(case: Case) -> int:
             arrays += [case.diffusion.bonds.neighbours, case.diffusion.bonds.length]
     if case.rule is not None:
         arrays.append(case.rule.may_fail)
-        if case.rule.factor is not None:
-            arrays += [case.rule.factor, case.rule.least_factor]
+        arrays += [values for values in case.rule.squares if values is not case.bonds.fineness]
     return sum(a.nbytes for a in arrays)
 
 
@@ -210,7 +209,7 @@ def _varied(case: Case) -> str:
     settings = case.scene.damage
     if not (settings.regions or settings.interfaces):
         return ""
-    ratio, alike = case.rule.factor**2, stretch_squares(case.bonds, CRITERIA[settings.criterion])
+    ratio, alike = case.rule.factor() ** 2, stretch_squares(case.bonds, CRITERIA[settings.criterion])
     if alike is not None:
         ratio = ratio / alike
     if case.body.relative is not None:

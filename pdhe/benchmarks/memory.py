@@ -103,6 +103,10 @@ def _arrays(thing: Any, name: str, seen: set[int], depth: int) -> Iterator[tuple
     if isinstance(thing, np.ndarray):
         yield name, thing
         return
+    if type(thing) is tuple:
+        for k, part in enumerate(thing):
+            yield from _arrays(part, f"{name}.{k}", seen, depth)
+        return
     module = type(thing).__module__
     if not module.startswith("pdhe"):
         return

@@ -158,7 +158,7 @@ def follow(
                       model=model, plane=plane)  # fmt: skip
     rule = CRITERIA[criterion]
     decides, squares = BondLoad(rule.by_energy, split=split), stretch_squares(body.bonds, rule)
-    tougher = stretch_factors(body.bonds, criterion=rule).get("factor", np.ones(1))
+    tougher = np.sqrt(np.prod(stretch_factors(body.bonds, criterion=rule).get("squares", (np.ones(1),)), axis=0))
     fixed = np.zeros(plate.coordinates.shape, bool)
     fixed[plate.top, 1] = fixed[plate.bottom, 1] = True
     prescribed = np.zeros(plate.coordinates.shape)

@@ -126,7 +126,7 @@ def test_a_value_is_the_factor_that_it_makes_and_none_makes_no_array():
     one, other = case_of(12, 8, factor(0.25)), case_of(12, 8, [{"on": "other", "youngs_modulus": 0.25 * YOUNG}])
     assert np.array_equal(one.body.cubed, other.body.cubed)
     plain = case_of(12, 8, damage={})
-    assert plain.body.relative is None and plain.body.softness() is None and plain.rule.factor is None
+    assert plain.body.relative is None and plain.body.softness() is None and plain.rule.squares == ()
     assert "Young's modulus 0.25 to 1 times that of the material" in make_plan(one)
     assert has_limit(plain.scene) and not has_limit(one.scene)
 

@@ -199,9 +199,9 @@ def test_bonds_break_at_a_stretch_that_goes_with_their_horizon(case):
     owner = bonds.owners()
     # Two nodes of equal horizon have the stretch of that horizon; others lie between their ends.
     low, high = (np.sqrt(bonds.horizon / f(local[owner], local[bonds.neighbours])) for f in (np.maximum, np.minimum))
-    assert np.all(rule.factor >= low * (1 - 1e-12)) and np.all(rule.factor <= high * (1 + 1e-12))
-    assert rule.factor.max() == pytest.approx(2.0, rel=1e-9)
-    assert rule.resistance_at(None, np.arange(owner.size)) == pytest.approx(rule.critical * rule.factor)
+    assert np.all(rule.factor() >= low * (1 - 1e-12)) and np.all(rule.factor() <= high * (1 + 1e-12))
+    assert rule.factor().max() == pytest.approx(2.0, rel=1e-9)
+    assert rule.resistance_at(None, np.arange(owner.size)) == pytest.approx(rule.critical * rule.factor())
 
 
 @pytest.mark.parametrize("wet", [False, True])

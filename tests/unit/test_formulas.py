@@ -151,12 +151,12 @@ def test_fracture_energies_stiffnesses_and_diffusivities_are_formulas_too():
     x = case.discretization.coordinates[:, 0]
     owner, far = case.bonds.owners(), case.bonds.neighbours
     # Each end gives half of its fracture energy (theory, eq. 5.12), and it changes linearly.
-    np.testing.assert_allclose(case.rule.factor**2, 1 + 2.5 * (x[owner] + x[far]), rtol=1e-13)
+    np.testing.assert_allclose(case.rule.factor() ** 2, 1 + 2.5 * (x[owner] + x[far]), rtol=1e-13)
     assert "fracture energy 1." in make_plan(case)
     given = {"expression": "where(y < 0.05, 8, 16)", "unit": "kJ/m^2"}
     energy = {"damage.regions": [{"on": "all", "critical_energy_release_rate": given}]}
     toughness = case.scene.material.toughness("stress")
-    ratio = case_of(plain | energy).rule.factor ** 2 * toughness
+    ratio = case_of(plain | energy).rule.factor() ** 2 * toughness
     assert ratio.min() == pytest.approx(8e3, rel=1e-12) and ratio.max() == pytest.approx(16e3, rel=1e-12)
     stiff = {"mechanics.regions": [{"on": "all", "youngs_modulus": {"expression": "207 + 100*x", "unit": "GPa"}}]}
     relative = case_of(plain | stiff).body.relative
