@@ -18,6 +18,7 @@ TOPICS: dict[str, str] = {
     "decoupled": "pdhe.verification.decoupled",
     "moduli": "pdhe.verification.moduli",
     "elastic_models": "pdhe.verification.elastic_models",
+    "large_strains": "pdhe.verification.large_strains",
     "compliance": "pdhe.verification.compliance",
     "convergence_mechanics": "pdhe.verification.convergence_mechanics",
     "toughness": "pdhe.verification.toughness",
