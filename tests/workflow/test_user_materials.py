@@ -39,7 +39,9 @@ CASES = {
     "another source": (lambda project: project.edit("config/umat/j2.f", "RETURN", "CONTINUE"), {}),
     "property of one": (lambda project: project.edit(STUDY, "350 MPa", "360 MPa"), {"solve": 1}),
     "same property": (lambda project: project.edit(STUDY, "350 MPa", "0.35 GPa"), {}),
-    "name of a state variable": (lambda project: project.edit(SCENE, "name: plastic_strain", "name: peeq"), {"solve": 2}),
+    "name of a state variable": (
+        lambda project: project.edit(SCENE, "name: plastic_strain", "name: peeq"), {"solve": 2},
+    ),
     "a library that is there": (
         lambda project: (
             (project.folder / "mine.so").write_text("library"),
