@@ -44,7 +44,8 @@ from pdhe.transport import Diffusion, Edge, build_diffusion
 PRECISIONS = {"double": np.float64, "single": np.float32}
 #: Poisson's ratio up to which the stiffness of two-parameter bonds is positive at a horizon of 3 spacings and more.
 SAFE_POISSON = {"stress": 0.45, "strain": 0.32, None: 0.3}
-#: Least tolerance of equilibria over the ratio of Young's moduli: at 1e6, bars of 20 to 80 cells reach 1e-5.
+#: Least tolerance of equilibria over the ratio of moduli: at 1e6, bars of 20 to 80 cells reach 1e-5; plies whose axes
+#: differ 1000 times have reached 1.4e-10.
 FINEST_TOLERANCE = 1e-11
 EDGES = ("left", "right", "bottom", "top")
 
@@ -161,6 +162,10 @@ def build_case(scene: Scene, discretization: Discretization) -> Case:
                 bonds, d.coordinates, d.node_sets, scene.mechanics.regions, scene.material.youngs_modulus
             )
             _require_reachable(scene, float(relative.max() / relative.min()))
+        if scene.material.orthotropic is not None:
+            ply = scene.material.orthotropic
+            moduli = (scene.material.youngs_modulus, ply.youngs_modulus_2, ply.shear_modulus_12)
+            _require_reachable(scene, max(moduli) / min(moduli))
         if scene.material.umat is not None:
             body = make_user_body(scene, bonds, model, d.coordinates, d.volume)
         else:
@@ -253,7 +258,7 @@ def _require_reachable(scene: Scene, contrast: float) -> None:
     if scene.stepping.mode != "dynamic" and scene.solver.tolerance < least * (1.0 - 1e-9):
         raise SceneError(
             "scene", "solver.tolerance", scene.solver.tolerance,
-            f"is less than round-off allows where Young's moduli differ {contrast:.4g} times",
+            f"is less than round-off allows where moduli differ {contrast:.4g} times",
             f"give at least {least:.2g}",
         )  # fmt: skip
 

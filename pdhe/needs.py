@@ -5,12 +5,15 @@ that, and shares the numbers. A limit on time is no loss if it turns out too sho
 last checkpoint, and has twice the time.
 """
 
+import errno
 import itertools
 import json
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from pdhe.costs import BOTH, COPIES, DIFFUSION, ITERATION, MECHANICS, OVERHEAD, PROCESS, SEARCH, STEP
@@ -200,3 +203,42 @@ def _moments(ratio: float, power: int, axes: int) -> tuple[float, float]:
             number += r**-power
             square += r ** (2 - power)
     return number, square
+
+
+def fails_again(log: str | Path) -> bool:
+    """Tell from the log of a job that failed whether it would fail again for the same reason.
+
+    So it does where the program says what is wrong with the scene, the mesh or the physics. It does not where the job
+    was ended from outside (time, memory, a node: no last word, or that of an interruption), nor where the machine is
+    what was wrong.
+    """
+    try:
+        with Path(log).open("rb") as file:
+            file.seek(max(0, file.seek(0, 2) - _LAST_WORDS))
+            text = file.read().decode(errors="replace")
+    except OSError:
+        return False
+    said = [line for line in text.splitlines() if line.startswith("error: ")]
+    return bool(said) and not any(reason in said[-1].lower() for reason in _OF_THE_MACHINE)
+
+
+_LAST_WORDS = 20_000
+#: What passes by itself, or is set right beside the scene.
+_PASSING = (
+    "EIO",
+    "ESTALE",
+    "EAGAIN",
+    "EBUSY",
+    "EINTR",
+    "EMFILE",
+    "ENFILE",
+    "ETIMEDOUT",
+    "ENOTCONN",
+    "ECONNRESET",
+    "ENOLCK",
+)
+_OF_THE_MACHINE = (
+    "memory",
+    "give the same command again",
+    *(os.strerror(getattr(errno, name)).lower() for name in _PASSING if hasattr(errno, name)),
+)

@@ -12,7 +12,7 @@ from pathlib import Path
 from pdhe.benchmarks.registry import BENCHMARKS, configured
 from pdhe.errors import PdheError
 from pdhe.extremes.registry import EXTREMES
-from pdhe.needs import Needs, needs_of
+from pdhe.needs import Needs, fails_again, needs_of
 from pdhe.provenance import canonical, digest, fingerprint
 from pdhe.scene_umat import SOURCES as UMAT_SOURCES
 from pdhe.study import load_aside, load_studies
@@ -20,6 +20,7 @@ from pdhe.tradeoff.design import load_trades
 from pdhe.verification.studies import load_checks
 from pdhe.verification.topics import TOPICS
 from pdhe.warm import MANY_CASES, folder_for
+from snakemake.jobs import Job
 
 # Of the many objects of a large plan nearly all stay: to look for garbage less often saves a tenth of the time.
 gc.set_threshold(200_000, 20, 100)
@@ -117,6 +118,16 @@ onstart:
                 sys.exit(
                     f"error: on a cluster a shell would read {text!r} as commands; leave out what needs quoting"
                 )
+
+
+# What a cluster ended (time, memory, a node) is tried again, as often as `retries` says; a job that said what is wrong with
+# its scene is not. Snakemake asks a job for its retries when it has failed, and has no setting for this.
+def restarts_of(job):
+    return 0 if any(map(fails_again, job.log)) else job.rule.restart_times
+
+
+if workflow.is_main_process and isinstance(getattr(Job, "restart_times", None), property):
+    Job.restart_times = property(restarts_of)
 
 
 wildcard_constraints:
