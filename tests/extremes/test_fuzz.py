@@ -318,6 +318,10 @@ def check(raw):
         try:
             result = simulate(case)
         except SimulationError as error:
+            if "round-off allows no less" in str(error):
+                # 1.1e-10 and 1.4e-10 have been reached, once in a thousand draws: a body moved as a whole, plies.
+                assert raw["solver"]["tolerance"] <= 1e-10 and "at t = 0 s, before the first equilibrium" in str(error)
+                return
             # Too few bonds are left for a negative tangential stiffness: said, not gone on with.
             assert raw["material"]["poissons_ratio"] > (1 / 3 if scene.plane == "stress" else 1 / 4), error
             assert INDEFINITE in str(error), error

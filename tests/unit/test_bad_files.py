@@ -28,6 +28,7 @@ from pdhe.study import CONFIG_KEYS, STUDY_KEYS, STYLE_KEYS, load_aside, load_stu
 from pdhe.tradeoff.design import load_trades
 from pdhe.verification.studies import load_checks
 from pdhe.yamlfile import parse_yaml, read_yaml
+from tests.every_key import SCENES as EVERY_KEY
 
 ROOT = Path(__file__).parents[2]
 FUZZ = {
@@ -36,139 +37,7 @@ FUZZ = {
     "phases": [Phase.generate],
 }  # fmt: skip
 
-#: Scenes that together have every key there is, as the files of the project have not.
-EVERY_KEY = """
-title: Blocks
-fidelity: standard
-geometry:
-  plate: {width: 200 mm, height: 100 mm, thickness: 4 mm}
-  holes: [{name: bore, centre: [140 mm, 50 mm], radius: 10 mm}]
-  cracks: [{name: notch, from: [0 mm, 50 mm], to: [50 mm, 50 mm]}]
-regions:
-  - {name: weld, from: [80 mm, 0 mm], to: [120 mm, 100 mm]}
-  - {name: inclusion, centre: [170 mm, 50 mm], radius: 12 mm}
-mesh:
-  spacing: 10 mm
-  cells: triangle
-  growth: 0.2
-  refine:
-    - {around: notch, spacing: 5 mm, within: 5 mm}
-    - {from: [50 mm, 50 mm], to: [60 mm, 50 mm], spacing: 6 mm, within: 2 mm}
-horizon: {ratio: 3.015}
-material:
-  name: steel
-  youngs_modulus: 207 GPa
-  poissons_ratio: 0.29
-  fracture_toughness: 58.4 MPa m^0.5
-  density: 7850 kg/m^3
-  diffusivity: 0.84e-9 m^2/s
-  saturation_concentration: 2.65e-5 mol/m^2
-  source: {density: customary}
-mechanics:
-  model: condensed rotation
-  plane: stress
-  weights: moment matched
-  partial_volume: auto
-  regions: [{on: weld, factor: 0.5}, {on: inclusion, youngs_modulus: 400 GPa}]
-loads:
-  - {on: top, at: nodes, displacement: {x: 0 mm, y: {0 h: 0 mm, 1 h: 0.02 mm}}}
-  - {on: bottom, displacement: {y: 0 mm}}
-damage:
-  criterion: energy
-  tension_only: true
-  calibration: discrete
-  no_fail: [top, bottom]
-  regions: [{on: weld, factor: 0.25}, {on: inclusion, critical_energy_release_rate: 20 kJ/m^2}]
-  interfaces:
-    - {between: [weld, all], factor: 0.5}
-    - {between: [inclusion, weld], critical_energy_release_rate: 1 kJ/m^2}
-hydrogen:
-  kernel: inverse
-  initial: 0.1
-  boundary: [{on: notch, coverage: {0 h: 0.1, 1 h: 1}}]
-  law: linear nickel
-  degradation: energy
-  saturation: {damage: 0.3, coverage: 0.9}
-  regions: [{on: weld, factor: 0.1}, {on: inclusion, diffusivity: 1e-12 m^2/s}]
-time: {end: 1e6 s}
-stepping: {mode: events, grouping: 0.05}
-solver: {tolerance: 1e-5, max_iterations: 5000, precision: single}
-outputs: {times: [0 s, 5e5 s]}
----
-title: Ply in plane strain
-accuracy: 5 %
-geometry:
-  plate: {width: 80 mm, height: 40 mm, thickness: 4 mm}
-mesh: {spacing: 4 mm}
-horizon: {length: 12.06 mm}
-material:
-  youngs_modulus: 140 GPa
-  poissons_ratio: 0.3
-  critical_energy_release_rate: 0.3 kJ/m^2
-  orthotropic:
-    youngs_modulus_2: 10 GPa
-    shear_modulus_12: 5 GPa
-    youngs_modulus_3: 10 GPa
-    poissons_ratio_13: 0.3
-    poissons_ratio_23: 0.4
-mechanics:
-  model: correspondence
-  plane: strain
-  zero_energy: silling
-  zero_energy_strength: 2
-  axes: [{on: all, angle: 30 deg}, {on: left, angle: 0 deg, around: [40 mm, 20 mm]}]
-loads:
-  - {on: right, displacement: {x: 0.01 mm}}
-  - {on: left, displacement: {x: 0 mm}}
-damage: {criterion: energy density}
-time: {end: 1 s}
-stepping: {mode: fixed, load_steps: 10, diffusion_substeps: 1}
-outputs: {every: 0.5 s}
----
-title: Blow
-geometry:
-  plate: {width: 80 mm, height: 40 mm, thickness: 4 mm}
-  symmetry: [left]
-regions: [{name: struck, from: [60 mm, 0 mm], to: [80 mm, 5 mm]}]
-mesh: {spacing: 4 mm, cells: quadrilateral}
-material: 18Ni1900
-mechanics: {model: state-based}
-loads:
-  - {on: struck, velocity: {x: {0 us: 0 m/s, 1 us: -5 m/s}, y: 1 m/s}}
-  - {on: top, traction: {y: {0 us: 0 MPa, 5 us: 12 MPa}}}
-  - {on: right, traction: {x: 1 MPa}}
-  - {on: bottom, initial_velocity: {y: 2 m/s}}
-damage: {criterion: stretch, calibration: continuum}
-time: {end: 20 us}
-stepping: {mode: dynamic, step: 0.1 us, damping: 1e3 s^-1}
-outputs: {count: 2}
----
-title: Blow in steps of its own
-geometry: {plate: {width: 80 mm, height: 40 mm, thickness: 4 mm}}
-mesh: {spacing: 4 mm}
-material: Duran 50
-loads: [{on: top, traction: {y: 12 MPa}}, {on: right, initial_velocity: {x: 1 m/s}}]
-time: {end: 20 us}
-stepping: {mode: dynamic, safety: 0.5}
----
-title: Body
-geometry:
-  plate: {width: 20 mm, height: 12 mm, thickness: 8 mm}
-  cracks:
-    - {name: penny, disc: {centre: [10 mm, 6 mm, 4 mm], normal: [0, 1, 0], radius: 3 mm}}
-    - {name: corner, polygon: [[0 mm, 6 mm, 0 mm], [3 mm, 6 mm, 0 mm], [0 mm, 6 mm, 3 mm]]}
-mesh: {spacing: 2 mm, cells: hexahedron}
-material: AISI 4340
-mechanics: {model: state-based}
-loads:
-  - {on: top, displacement: {x: 0 mm, y: 0.01 mm, z: 0 mm}}
-  - {on: bottom, displacement: {y: 0 mm}}
-damage: {criterion: energy, no_fail: [front]}
-hydrogen: {boundary: [{on: back, coverage: 1}], saturation: "off"}
-time: {end: 1 h}
-"""
-
-NEWER = [parse_yaml(text, "newer") for text in EVERY_KEY.split("---\n")]
+NEWER = [parse_yaml(text, "newer") for text in EVERY_KEY]
 SCENES = [read_yaml(path) for path in sorted((ROOT / "config/scenes").glob("*.yaml"))] + NEWER
 MATERIALS = [read_yaml(path) for path in sorted((ROOT / "config/materials").glob("*.yaml"))]
 STUDY = {
@@ -367,33 +236,8 @@ def write(path, value):
     return True
 
 
-def paths_of(value, path=()):
-    """Keys of a nested value from its top, entries of lists without their number."""
-    if isinstance(value, list):
-        return {found for item in value for found in paths_of(item, path)}
-    if not isinstance(value, dict):
-        return {path}
-    return {path} | {found for key, item in value.items() for found in paths_of(item, (*path, key))}
-
-
-def paths_of_schema(schema, blocks, path=()):
-    if "$ref" in schema:
-        return paths_of_schema(blocks[schema["$ref"].rpartition("/")[2]], blocks, path)
-    found = {path}
-    for inner in (*schema.get("anyOf", ()), *([schema["items"]] if "items" in schema else ())):
-        found |= paths_of_schema(inner, blocks, path)
-    for key, inner in schema.get("properties", {}).items():
-        found |= paths_of_schema(inner, blocks, (*path, key))
-    return found
-
-
-def test_scenes_that_are_spoilt_are_good_and_have_every_key(folder):
-    schema = scene_json_schema()
-    there = {path for scene in SCENES for path in paths_of(scene)}
-    # What has to be compiled beforehand, and the digest of what is.
-    there |= {("material", "umat", key) for key in ("library", "content")}
-    missing = {path for path in paths_of_schema(schema, schema["$defs"]) if path not in there}
-    assert not missing
+def test_scenes_that_are_spoilt_are_good(folder):
+    """That they have every key there is: tests/quality/test_keys.py."""
     for scene in NEWER:
         assert write(folder / "scene.yaml", scene) and not refused(["validate", folder / "scene.yaml"], folder)
 
@@ -412,7 +256,7 @@ def test_spoilt_scenes(count, folder):
                 assert refused(words, folder), words
         return bad
 
-    texts = [path.read_text() for path in sorted((ROOT / "config/scenes").glob("*.yaml"))] + EVERY_KEY.split("---\n")
+    texts = [path.read_text() for path in sorted((ROOT / "config/scenes").glob("*.yaml"))] + EVERY_KEY
     bad, seen = check(st.one_of(spoilt(SCENES), garbled(texts)), count, look)
     assert bad > 0.4 * seen
 
