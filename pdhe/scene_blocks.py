@@ -493,8 +493,8 @@ class Split(Block):
 class Damage(Block):
     """When bonds break, the node sets whose bonds never do, and where they break at other values than elsewhere.
 
-    With ``tension_only`` off, shortened bonds break like stretched ones. ``split`` is for the model ``state-based``:
-    what either part of a bond's energy counts.
+    With ``tension_only`` off, shortened bonds break like stretched ones. ``split`` is for the models ``state-based``
+    and ``correspondence``: what either part of a bond's energy counts.
     """
 
     criterion: Annotated[str, choice("energy", "stretch", "energy density")] = "energy"

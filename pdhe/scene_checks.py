@@ -321,9 +321,12 @@ def _check_formulas(scene: "Scene") -> None:
 def _check_split(scene: "Scene") -> None:
     if scene.damage is None or scene.damage.split is None:
         return
-    if scene.mechanics.model != "state-based":
+    if scene.mechanics.model not in ("state-based", "correspondence"):
         text = f"is not there for `{scene.mechanics.model}`, whose bonds know no dilatation"
         raise problem(text, "use `mechanics: {model: state-based}`, or leave `split` out", "damage.split")
+    if scene.material.orthotropic is not None:
+        text = "is for isotropic materials: a dilatation of others has shear stresses"
+        raise problem(text, "leave `split` or `material.orthotropic` out", "damage.split")
     if scene.damage.criterion == "stretch":
         text = "splits energies, and bonds break by their stretch"
         raise problem(text, "use `criterion: energy`, or leave `split` out", "damage.split")

@@ -58,8 +58,8 @@ class BondLoad:
     tension_only
         Bonds that are shortened have no load; otherwise they are loaded like stretched ones.
     split
-        What the dilatational and the deviatoric part of the energy count; None where the energy counts as a whole. For
-        state-based bodies, by energy.
+        What the dilatational and the deviatoric part of the energy count; None where the energy counts as a whole. By
+        energy, for the state-based model and isotropic correspondence.
     """
 
     by_energy: bool

@@ -185,18 +185,25 @@ class CorrespondenceBody(Body):
         return 2.0 * out
 
     def node_parts(self, u: np.ndarray) -> np.ndarray:
-        """What each node, and images behind them, add to the forces of bonds, N/m^6, and rotations, rad (n, 5)."""
+        """What each node, and images behind them, add to the forces of bonds, (n, 8).
+
+        That is a tensor, N/m^6 (n, 4), the rotation, rad, and what the mean stress has in the tensor, N/m^6 (n, 3).
+        """
         gradient = self._gradient(u)
         turn = self._beyond(0.5 * (gradient[:, 2:3] - gradient[:, 1:2]), (True,))
-        return np.hstack([self._state(gradient), turn])
+        bulk = constants.bulk_modulus(self.model.youngs_modulus, self.model.poissons_ratio, self.model.plane)
+        mean = bulk * self.share * (gradient[:, 0] + gradient[:, 3])
+        return np.hstack(
+            [self._state(gradient), turn, self._beyond(mean[:, None] * self.inverse, (False, True, False))]
+        )
 
     def bond_parts(
         self, u: np.ndarray, bond: np.ndarray, owner: np.ndarray, nodes: np.ndarray | None = None
     ) -> np.ndarray:
-        """Stretch of some directed bonds, and four more parts for either end, (9, k).
+        """Stretch of some directed bonds, and six more parts for either end, (13, k).
 
-        These are its share of the force over the weight, N/m^6, and the relative displacement over the length without
-        the rotation of that end.
+        These are its share of the force over the weight, N/m^6, the relative displacement over the length without the
+        rotation of that end, and what the mean stress has in the force (theory, eq. 5.17).
         """
         nodes, other = self.node_parts(u) if nodes is None else nodes, self.bonds.neighbours[bond]
         length, u = self.bonds.length[bond], self._with_images(u)
@@ -204,12 +211,14 @@ class CorrespondenceBody(Body):
         ex, ey = ((u[other] - u[owner]) / length[:, None]).T
         parts = [dx * ex + dy * ey]
         for end in (owner, other):
-            (xx, xy, yx, yy, turn), (pxx, pxy, pyy) = nodes[end].T, self.control[end].T
+            (xx, xy, yx, yy, turn, sxx, sxy, syy), (pxx, pxy, pyy) = nodes[end].T, self.control[end].T
             parts += [
                 xx * dx + xy * dy + pxx * ex + pxy * ey,
                 yx * dx + yy * dy + pxy * ex + pyy * ey,
                 ex + turn * dy,
                 ey - turn * dx,
+                sxx * dx + sxy * dy,
+                sxy * dx + syy * dy,
             ]
         return np.stack(parts)
 
@@ -218,10 +227,16 @@ class CorrespondenceBody(Body):
         normal = self.normal
 
         def square(parts: np.ndarray) -> np.ndarray:
-            _, fx, fy, ex, ey, gx, gy, dx, dy = parts
+            _, fx, fy, ex, ey, _, _, gx, gy, dx, dy, _, _ = parts
             return (fx * ex + fy * ey + gx * dx + gy * dy) / normal
 
-        return Measure(normal * self.bonds.weight[bond] * self.bonds.length[bond], square)
+        def split(parts: np.ndarray) -> np.ndarray:
+            _, _, _, ex, ey, px, py, _, _, dx, dy, qx, qy = parts
+            swollen = (px * ex + py * ey + qx * dx + qy * dy) / normal
+            return np.stack([swollen, square(parts) - swollen])
+
+        known = split if self.model.orthotropic is None else None
+        return Measure(normal * self.bonds.weight[bond] * self.bonds.length[bond], square, known)
 
     def largest_ratios(
         self, u: np.ndarray, load: BondLoad, breakable: np.ndarray, resistance: np.ndarray
@@ -229,8 +244,12 @@ class CorrespondenceBody(Body):
         """As for any body, without writing anything per bond."""
         b, top, nodes = self.bonds, np.empty(self.bonds.node_count), self.node_parts(u)
         resistance = resistance if b.images is None else b.images.extend(resistance)
+        control, state = self.control, np.ascontiguousarray(nodes[:, :4])
+        if load.split is not None:  # the same sweep with the forces that each part counts with
+            swollen, sheared = load.split
+            control, state = sheared * control, sheared * state + (swollen - sheared) * nodes[:, [5, 6, 6, 7]]
         kernels.largest_ratio(
-            b.offsets, b.neighbours, self._x, self.control, np.ascontiguousarray(nodes[:, :4]),
+            b.offsets, b.neighbours, self._x, control, state,
             np.ascontiguousarray(nodes[:, 4]), self.normal, load.by_energy, load.above,
             self._with_images(u), breakable, resistance, top,
         )  # fmt: skip

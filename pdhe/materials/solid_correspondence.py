@@ -200,18 +200,23 @@ class SolidCorrespondenceBody(Body):
         return 2.0 * out
 
     def node_parts(self, u: np.ndarray) -> np.ndarray:
-        """What each node adds to the forces of its bonds, N/m^6, and its rotation, rad (n, 12)."""
+        """What each node adds to the forces of its bonds, (n, 18).
+
+        That is a tensor, N/m^6 (n, 9), the rotation, rad (n, 3), and what the mean stress has in the tensor, N/m^6
+        (n, 6).
+        """
         gradient = self._gradient(u)
         turn = 0.5 * (gradient[:, [7, 2, 3]] - gradient[:, [5, 6, 1]])
-        return np.hstack([self._state(gradient), turn])
+        mean = (self.lame + 2.0 / 3.0 * self.shear) * self.share * gradient[:, [0, 4, 8]].sum(axis=1)
+        return np.hstack([self._state(gradient), turn, mean[:, None] * self.inverse])
 
     def bond_parts(
         self, u: np.ndarray, bond: np.ndarray, owner: np.ndarray, nodes: np.ndarray | None = None
     ) -> np.ndarray:
-        """Stretch of some directed bonds, and six more parts for either end, (13, k).
+        """Stretch of some directed bonds, and nine more parts for either end, (19, k).
 
-        These are its share of the force over the weight, N/m^6, and the relative displacement over the length without
-        the rotation of that end.
+        These are its share of the force over the weight, N/m^6, the relative displacement over the length without the
+        rotation of that end, and what the mean stress has in the force (theory, eq. 5.17).
         """
         nodes, other = self.node_parts(u) if nodes is None else nodes, self.bonds.neighbours[bond]
         length = self.bonds.length[bond][:, None]
@@ -223,7 +228,8 @@ class SolidCorrespondenceBody(Body):
         for end in (owner, other):
             state, control = nodes[end, :9].reshape(-1, 3, 3), self.control[end][:, _MATRIX]
             force = np.einsum("kab,kb->ka", state, direction) + np.einsum("kab,kb->ka", control, relative)
-            parts += [force.T, (relative - np.cross(nodes[end, 9:], direction)).T]
+            swollen = np.einsum("kab,kb->ka", nodes[end, 12:][:, _MATRIX], direction)
+            parts += [force.T, (relative - np.cross(nodes[end, 9:12], direction)).T, swollen.T]
         return np.concatenate(parts)
 
     def measure(self, bond: np.ndarray, owner: np.ndarray) -> Measure:
@@ -231,18 +237,28 @@ class SolidCorrespondenceBody(Body):
         normal = self.normal
 
         def square(parts: np.ndarray) -> np.ndarray:
-            return ((parts[1:4] * parts[4:7]).sum(axis=0) + (parts[7:10] * parts[10:13]).sum(axis=0)) / normal
+            return ((parts[1:4] * parts[4:7]).sum(axis=0) + (parts[10:13] * parts[13:16]).sum(axis=0)) / normal
 
-        return Measure(normal * self.bonds.weight[bond] * self.bonds.length[bond], square)
+        def split(parts: np.ndarray) -> np.ndarray:
+            swollen = ((parts[7:10] * parts[4:7]).sum(axis=0) + (parts[16:] * parts[13:16]).sum(axis=0)) / normal
+            return np.stack([swollen, square(parts) - swollen])
+
+        known = split if self.model.orthotropic is None else None
+        return Measure(normal * self.bonds.weight[bond] * self.bonds.length[bond], square, known)
 
     def largest_ratios(
         self, u: np.ndarray, load: BondLoad, breakable: np.ndarray, resistance: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """As for any body, without writing anything per bond."""
         b, top, nodes = self.bonds, np.empty(self.bonds.node_count), self.node_parts(u)
+        control, state = self.control, np.ascontiguousarray(nodes[:, :9])
+        if load.split is not None:  # the same sweep with the forces that each part counts with
+            swollen, sheared = load.split
+            mean = nodes[:, 12:][:, _MATRIX].reshape(-1, 9)
+            control, state = sheared * control, sheared * state + (swollen - sheared) * mean
         kernels.largest_ratio(
-            b.offsets, b.neighbours, self.coordinates, self.control, np.ascontiguousarray(nodes[:, :9]),
-            np.ascontiguousarray(nodes[:, 9:]), self.normal, load.by_energy, load.above, u, breakable,
+            b.offsets, b.neighbours, self.coordinates, control, state,
+            np.ascontiguousarray(nodes[:, 9:12]), self.normal, load.by_energy, load.above, u, breakable,
             resistance, top,
         )  # fmt: skip
         return top, nodes

@@ -1,4 +1,4 @@
-"""Bond energies of the linear peridynamic solid in two parts, and bonds that break by them."""
+"""Bond energies of state-based models in two parts, and bonds that break by them."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,8 @@ import pytest
 from pdhe.benchmarks.problems import mode_i
 from pdhe.damage import nearest_failure
 from pdhe.errors import SceneError
-from pdhe.materials import BY_ENERGY, Body, BondLoad
+from pdhe.materials import BY_ENERGY, Body, BondLoad, StateBased
+from pdhe.materials.constants import bulk_modulus
 from pdhe.plan import make_plan
 from pdhe.simulation import simulate
 from tests.lattices import make_body
@@ -22,10 +23,14 @@ BODIES = {
 }
 
 
-@pytest.fixture(params=BODIES)
+MODELS = ("state-based", "correspondence")
+
+
+@pytest.fixture(params=[(model, name) for model in MODELS for name in BODIES], ids=", ".join)
 def solid(request):
-    make, options = BODIES[request.param]
-    return make(model="state-based", **options)
+    model, name = request.param
+    make, options = BODIES[name]
+    return make(model=model, **options)
 
 
 def parts_of(body, u):
@@ -36,15 +41,25 @@ def parts_of(body, u):
     return half * measure.split(parts), half * measure.square(parts)
 
 
+def volumetric_energy(body, u):
+    """Energy of the mean stress of all nodes on their dilatation, J."""
+    plane = body.model.plane
+    bulk = bulk_modulus(body.model.youngs_modulus, body.model.poissons_ratio, plane)
+    if isinstance(body.model, StateBased):
+        return 0.5 * bulk * float(np.sum(body.volume * body.dilatation(u) ** 2))
+    trace = np.trace(body.displacement_gradient(u), axis1=1, axis2=2)
+    return 0.5 * bulk * float(np.sum(body.volume * body.share * trace**2))
+
+
 def test_both_parts_together_are_the_energy_of_each_bond_and_of_the_body(solid):
     x, body = solid
     u = np.random.default_rng(0).normal(size=x.shape)
     (swollen, sheared), whole = parts_of(body, u)
     # One more rounding: measured 2e-16 of the largest.
     assert np.abs(swollen + sheared - whole).max() < 1e-15 * np.abs(whole).max()
-    # The linear peridynamic solid has these energies node by node (theory, eq. 2.11): round-off, measured 4e-16.
-    volumetric = 0.5 * float(np.sum(body.volume * body.model.bulk * body.dilatation(u) ** 2))
-    assert 0.5 * swollen.sum() == pytest.approx(volumetric, rel=1e-13)
+    # Nodes have these energies (theory, eqs. 2.11 and 2.16): round-off, measured 4e-16.
+    volumetric = volumetric_energy(body, u)
+    assert 0.5 * swollen.sum() == pytest.approx(volumetric, rel=1e-12)
     assert 0.5 * sheared.sum() == pytest.approx(body.energy(u).sum() - volumetric, rel=1e-12)
     assert volumetric > 0.0 and sheared.sum() > 0.0
 
@@ -54,6 +69,17 @@ WHOLE = {
     "plane strain": lambda: make_body(20, 20, model="state-based", plane="strain"),
     "space": lambda: make_solid((11, 11, 11), m=2.015, model="state-based", surface="none"),
 }
+
+
+def test_a_homogeneous_strain_has_its_parts_at_every_node_of_a_correspondence_body():
+    """Its gradients are exact at edges and beside broken bonds too."""
+    for make, options in BODIES.values():
+        x, body = make(model="correspondence", **options)
+        (swollen, sheared), whole = parts_of(body, 1e-3 * x)
+        # Gradients are inverses times sums: measured 4e-15 and 2e-16 of the largest.
+        assert np.abs(sheared).max() < 1e-12 * np.abs(whole).max() and np.abs(swollen).max() > 0.0
+        (swollen, sheared), whole = parts_of(body, 1e-3 * np.roll(x[:, :2], 1, axis=1) @ np.eye(2, x.shape[1]))
+        assert np.abs(swollen).max() < 1e-12 * np.abs(whole).max() and np.abs(sheared).max() > 0.0
 
 
 @pytest.mark.parametrize("body", WHOLE)
@@ -115,9 +141,10 @@ def test_fracture_energies_of_the_parts_are_those_of_the_scene():
 
 
 @pytest.mark.parametrize("criterion", ["energy", "energy density"])
-def test_parts_of_one_fracture_energy_are_no_parts_with_hydrogen_too(criterion):
+@pytest.mark.parametrize("model", MODELS)
+def test_parts_of_one_fracture_energy_are_no_parts_with_hydrogen_too(model, criterion):
     """A quarter as tough in both parts is a quarter as tough, at any coverage: twice all loads."""
-    base = MODEL | {"damage.criterion": criterion}
+    base = MODEL | {"damage.criterion": criterion, "mechanics.model": model}
     parts = {"damage.split": {"dilatational": {"factor": 0.25}, "deviatoric": {"factor": 0.25}}}
     one, other = mode_i(800, base), mode_i(800, base | parts)
     random = np.random.default_rng(3)
@@ -154,6 +181,10 @@ def test_a_crack_runs_earlier_the_less_either_part_takes():
          "damage.split", "no dilatation"),
         ({"damage.split": {"deviatoric": {"factor": 1.0}}, "damage.criterion": "stretch"},
          "damage.split", "splits energies"),
+        ({"damage.split": {"deviatoric": {"factor": 1.0}}, "mechanics.model": "correspondence",
+          "material.orthotropic": {"youngs_modulus_2": "100 GPa", "shear_modulus_12": "50 GPa"},
+          "material.critical_energy_release_rate": "10 kJ/m^2", "material.fracture_toughness": None},
+         "damage.split", "isotropic materials"),
     ],
 )  # fmt: skip
 def test_splits_that_mean_nothing_are_refused(changes, key, text):
