@@ -1,8 +1,15 @@
 /* J2 plasticity with linear isotropic hardening as an Abaqus user material, by radial return with its consistent
    tangent (Simo and Hughes 1998, box 3.1). Properties: E, nu, yield stress, hardening modulus (of the plastic strain).
-   One state variable, the equivalent plastic strain. Plane strain and solids: NDI = 3. */
+   One state variable, the equivalent plastic strain. Plane strain and solids: NDI = 3.
+   What includes this file may say by LEFT which share of yield stress and hardening there is (j2_hydrogen.c). */
 #include <math.h>
 #include <stdio.h>
+
+#ifndef LEFT
+#define LEFT 1.0
+#define PROPERTIES 4
+#define MEANING "E, nu, yield stress, hardening modulus"
+#endif
 
 extern void xit_(void);
 
@@ -14,12 +21,12 @@ void umat_(double *stress, double *statev, double *ddsdde, double *sse, double *
            int *kspt, int *jstep, int *kinc, size_t length)
 {
     const int n = *ntens;
-    if (*nprops != 4 || *nstatv != 1 || *ndi != 3) {
-        fprintf(stderr, "j2.c: needs 4 properties (E, nu, yield stress, hardening modulus), 1 state variable and "
-                        "NDI = 3, not %d, %d and %d\n", *nprops, *nstatv, *ndi);
+    if (*nprops != PROPERTIES || *nstatv != 1 || *ndi != 3) {
+        fprintf(stderr, "j2: needs %d properties (" MEANING "), 1 state variable and NDI = 3, not %d, %d and %d\n",
+                PROPERTIES, *nprops, *nstatv, *ndi);
         xit_();
     }
-    const double young = props[0], nu = props[1], yield = props[2], hardening = props[3];
+    const double left = LEFT, young = props[0], nu = props[1], yield = left * props[2], hardening = left * props[3];
     const double shear = young / (2.0 * (1.0 + nu)), bulk = young / (3.0 * (1.0 - 2.0 * nu));
     double normal[6], swell = dstran[0] + dstran[1] + dstran[2], square = 0.0;
     double pressure = (stress[0] + stress[1] + stress[2]) / 3.0;

@@ -114,7 +114,7 @@ SCENES = {
         "plastic_hole",
         {
             "mesh.spacing": "2 mm",
-            "material.diffusivity": "1e-6 m^2/s",
+            "material.diffusivity": "1e-9 m^2/s",
             "hydrogen": {"initial": 0.2, "boundary": [{"on": "hole", "coverage": 1}]},
             "stepping": {"mode": "fixed", "load_steps": 6, "diffusion_substeps": 4},
             "outputs.count": 2,

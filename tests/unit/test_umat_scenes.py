@@ -14,7 +14,7 @@ from pdhe import cli
 from pdhe.benchmarks.problems import lattice_nodes
 from pdhe.case import build_case
 from pdhe.discretization import discretize, write_discretization
-from pdhe.errors import SceneError
+from pdhe.errors import SceneError, SimulationError
 from pdhe.histories import user_material
 from pdhe.materials.umat import COMPILERS, UserMaterial, UserPoints, build, drive
 from pdhe.mesh import make_mesh
@@ -25,6 +25,7 @@ from pdhe.results import open_result
 from pdhe.scene import Scene, load_scene
 from pdhe.scene_umat import SOURCES, content_of
 from pdhe.simulation import simulate, solve_case
+from pdhe.store import unused
 from pdhe.study import load_study
 from pdhe.whole import whole_result
 
@@ -97,13 +98,16 @@ def run(scene):
         return simulate(build_case(scene, discretize(Path(folder, "block.msh"), scene.geometry, scene.mesh)))
 
 
-def uniaxial_strain(path):
-    """Stresses along and across, and plastic strain, where nothing moves across: the deviator is a bar of 2 G."""
+def uniaxial_strain(path, left=None):
+    """Stresses along and across, and plastic strain, where nothing moves across: the deviator is a bar of 2 G.
+
+    ``left`` is the share of yield stress and hardening that is there at the end of each step.
+    """
     shear, bulk = YOUNG / (2 + 2 * NU), YOUNG / (3 - 6 * NU)
     plastic, total, found = 0.0, 0.0, []
-    for strain in path:
+    for strain, share in zip(path, np.ones(len(path)) if left is None else left, strict=True):
         trial = 2 * shear * strain - 3 * shear * plastic
-        more = max(abs(trial) - YIELD - HARDENING * total, 0.0) / (3 * shear + HARDENING)
+        more = max(abs(trial) - share * (YIELD + HARDENING * total), 0.0) / (3 * shear + share * HARDENING)
         plastic, total = plastic + np.sign(trial) * more, total + more
         mises = 2 * shear * strain - 3 * shear * plastic
         found.append((bulk * strain + 2 / 3 * mises, bulk * strain - mises / 3, total))
@@ -305,6 +309,22 @@ def test_a_routine_is_told_the_coverage_at_both_ends_of_an_increment(longest, tm
     np.testing.assert_allclose(result["reaction_top_y"][-1], dry["reaction_top_y"][-1], rtol=1e-9)
 
 
+def test_hydrogen_softens_a_plate_by_the_closed_form(tmp_path):
+    umat = {**J2, "source": "config/umat/j2_hydrogen.c", "properties": [*J2["properties"], 0.4]}
+    # Loaded dry, held while hydrogen comes in, and let go: it yields under a constant strain.
+    path, coverage = [4e-3, 4e-3, 4e-3, 3e-3], [0.0, 0.5, 1.0, 1.0]
+    history = {f"{k} s": value for k, value in enumerate([0.0, *coverage])}
+    hydrogen = {"boundary": [{"on": "all", "coverage": history}], "saturation": "off"}
+    scene = bar(umat, 2, 2, path=path, hydrogen=hydrogen, material__diffusivity="1e-12 m^2/s")
+    scene["loads"].append({"on": "top", "displacement": {"x": "0 m"}})
+    result = run(loaded(scene, tmp_path))
+    along, _, total = uniaxial_strain(path, 1.0 - 0.4 * np.array(coverage))
+    assert along[2] < along[1] < along[0] and total[0] < total[1] < total[2] == total[3]
+    # Measured 1e-15.
+    np.testing.assert_allclose(result["stress"][1:].sel(entry="22"), np.tile(along[:, None], 4), rtol=1e-12)
+    np.testing.assert_allclose(result["state_plastic_strain"][1:], np.tile(total[:, None], 4), rtol=1e-12)
+
+
 def write_source(path, code, symbol="umat_"):
     names = (
         "double *stress, double *statev, double *ddsdde, double *sse, double *spd, double *scd, double *rpl, "
@@ -422,6 +442,38 @@ def test_a_source_that_changes_after_the_scene_was_read_is_refused(tmp_path):
     with pytest.raises(SceneError, match="has changed since the scene was read"):
         user_material(scene)
     assert cli.main(["umat-build", str(own), "--content", scene.material.umat.content, "--out", "none.so"]) == 1
+
+
+def test_a_run_that_cannot_go_on_leaves_its_history_so_far(tmp_path):
+    code = GOOD + " if (stran[1] + dstran[1] > 3e-3) stress[1] = 0.0 / 0.0;"
+    scene = loaded(bar({"source": write_source(tmp_path / "falls.c", code)}, path=[2e-3, 4e-3, 6e-3]), tmp_path)
+    with pytest.raises(SimulationError, match="gives a stress or state variable that is not finite") as error:
+        solve_case(scene, lattice_nodes(scene), tmp_path / "run.nc")
+    assert "at t = 2 s, step 2" in str(error.value) and "likely reason" not in str(error.value)
+    arrays, attributes = read_netcdf(tmp_path / "run.nc.incomplete")
+    assert attributes["status"].startswith("incomplete: at t = 2 s") and not (tmp_path / "run.nc").exists()
+    np.testing.assert_allclose(arrays["stress"][1].max(), 2e8, rtol=0.5)
+
+
+@pytest.mark.skipif(shutil.which("gfortran") is None, reason="no gfortran here")
+def test_fortran_gives_what_c_gives(tmp_path):
+    one, other = (run(loaded(bar({**J2, "source": f"config/umat/j2.{end}"}), tmp_path)) for end in ("c", "f"))
+    for name in ("displacement", "stress", "state_plastic_strain", "plastic_dissipation", "reaction_top_y"):
+        scale = np.abs(one[name].values).max()
+        # Measured 2e-13: the same operations in another order, and what the solver leaves.
+        assert np.abs(one[name].values - other[name].values).max() <= 1e-9 * scale, name
+
+
+def test_libraries_that_no_study_refers_to_can_be_removed(tmp_path):
+    loaded(bar(J2), tmp_path)
+    study = tmp_path / "study.yaml"
+    study.write_text(json.dumps({"study": {"scene": str(tmp_path / "scene.yaml")}}))
+    (case,) = load_study(study).cases
+    libraries = tmp_path / "results/store/umat"
+    libraries.mkdir(parents=True)
+    for name in (case.user_material[0], "old_c-0123456789abcdef"):
+        (libraries / f"{name}.so").write_text("library")
+    assert unused(tmp_path / "results", [study]) == [libraries / "old_c-0123456789abcdef.so"]
 
 
 def test_endings_are_those_that_have_compilers():

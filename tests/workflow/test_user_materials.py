@@ -15,7 +15,7 @@ def solved(pristine, tmp_path_factory):
     project = pristine.copy(tmp_path_factory.mktemp("solved") / "project")
     (project.folder / "pdhe" / "cli.py").write_text(STUB)
     assert project.plan("--configfile", STUDY) == {
-        "mesh": 1, "nodes": 1, "scene_material": 1, "solve": 2, "history": 2, "picture": 2, "index": 1, "report": 1,
+        "mesh": 1, "nodes": 1, "scene_material": 2, "solve": 3, "history": 3, "picture": 4, "index": 1, "report": 1,
     }  # fmt: skip
     done = project.snakemake("solutions", "--configfile", STUDY)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -23,31 +23,35 @@ def solved(pristine, tmp_path_factory):
 
 
 def test_a_solve_is_given_what_was_compiled(solved):
-    (library,) = (solved.folder / "results/store/umat").iterdir()
-    name, source = load_study(ROOT / STUDY).cases[0].user_material
-    assert library.name == f"{name}.so" and source.endswith("config/umat/j2.c")
-    content = name.rpartition("-")[2]
-    assert library.read_text().startswith(f"umat-build config/umat/j2.c --content {content} --out ")
-    for solution in (solved.folder / "results/store/solve").iterdir():
+    made = {path.name: path.read_text() for path in (solved.folder / "results/store/umat").iterdir()}
+    cases = load_study(ROOT / STUDY).cases
+    assert made.keys() == {f"{case.user_material[0]}.so" for case in cases} and len(made) == 2
+    for case in cases:
+        name, source = case.user_material
+        source = source.removeprefix(f"{ROOT}/")
+        assert made[f"{name}.so"].startswith(f"umat-build {source} --content {name.rpartition('-')[2]} --out ")
+        solution = solved.folder / f"results/store/solve/{case.solve_id}.nc"
         assert f"--umat results/store/umat/{name}.so" in solution.read_text()
 
 
 CASES = {
     "nothing": (lambda project: None, {}),
     "sources touched": (lambda project: [path.touch() for path in (project.folder / "config/umat").iterdir()], {}),
-    "source": (lambda project: project.edit("config/umat/j2.c", "/*", "/* edited"), {"scene_material": 1, "solve": 2}),
+    "source": (lambda project: project.edit("config/umat/j2.c", "/*", "/* edited"), {"scene_material": 2, "solve": 3}),
+    "including source": (
+        lambda project: project.edit("config/umat/j2_hydrogen.c", "/*", "/* edited"), {"scene_material": 1, "solve": 1},
+    ),
     "another source": (lambda project: project.edit("config/umat/j2.f", "RETURN", "CONTINUE"), {}),
     "property of one": (lambda project: project.edit(STUDY, "350 MPa", "360 MPa"), {"solve": 1}),
     "same property": (lambda project: project.edit(STUDY, "350 MPa", "0.35 GPa"), {}),
-    "name of a state variable": (
-        lambda project: project.edit(SCENE, "name: plastic_strain", "name: peeq"), {"solve": 2},
-    ),
+    "name of a state": (lambda project: project.edit(SCENE, "name: plastic_strain", "name: peeq"), {"solve": 3}),
     "a library that is there": (
         lambda project: (
             (project.folder / "mine.so").write_text("library"),
             project.edit(SCENE, "source: config/umat/j2.c", "library: mine.so"),
+            project.edit(STUDY, "source: config/umat/j2_hydrogen.c", "library: mine.so"),
         ),
-        {"solve": 2},
+        {"solve": 3},
     ),
 }  # fmt: skip
 
