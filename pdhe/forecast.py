@@ -11,9 +11,24 @@ from pathlib import Path
 import numpy as np
 
 from pdhe.case import Case
-from pdhe.costs import BOTH, COPIES, DIFFUSION, ITERATION, MECHANICS, MOTION, OVERHEAD, PROCESS, SEARCH, STEP
+from pdhe.costs import (
+    COPIES,
+    ITERATION,
+    MOTION,
+    MOTION_ALONE,
+    MOTION_APART,
+    PROCESS,
+    SEARCH,
+    STEP,
+    bond_reach,
+    bytes_of_bond,
+    seconds_before,
+)
 from pdhe.errors import PdheError, SceneError
+from pdhe.materials import Body
 from pdhe.scene import Scene
+from pdhe.scene_blocks import LATTICES
+from pdhe.scene_solid import cubic_cells, size_of
 from pdhe.scene_umat import numbers_of
 
 #: Nodes of a pilot, and by how much coarser it must be to be worth it. For the main scene (20,000 nodes) it costs one
@@ -76,6 +91,9 @@ def pilot_scene(scene: Scene, nodes: int) -> Scene | None:
     for motions with inertia, whose steps are known beforehand, for user materials and for large strains.
     """
     coarsening = (nodes / PILOT_NODES) ** (1.0 / (3 if scene.mesh.solid else 2))
+    if scene.mesh.solid:
+        # A run twice as fine in space takes thirty times as long: there is always time for this one.
+        coarsening = _fitting(scene, max(coarsening, LEAST_COARSENING))
     if scene.mesh.refine:
         coarsening = max(LEAST_COARSENING, coarsening) if nodes >= LEAST_GRADED else 0.0
     if coarsening < LEAST_COARSENING or scene.stepping.mode == "dynamic":
@@ -86,6 +104,16 @@ def pilot_scene(scene: Scene, nodes: int) -> Scene | None:
         return coarser(scene, coarsening, outputs=scene.damage is None)
     except SceneError:
         return None
+
+
+def _fitting(scene: Scene, coarsening: float) -> float:
+    """How much coarser a body in space can be, next to what is wanted: cells have to be cubes; 0 if it cannot."""
+    if scene.mesh.cells not in LATTICES:
+        return coarsening
+    size, spacing = size_of(scene), scene.mesh.spacing
+    lengths = [size[0] / count for count in range(1, int(size[0] / (LEAST_COARSENING * spacing) * (1.0 + 1e-9)) + 1)]
+    cubes = [length / spacing for length in lengths if not cubic_cells(size, length)[1]]
+    return min(cubes, key=lambda some: abs(math.log(some / coarsening)), default=0.0)
 
 
 def coarser(scene: Scene, coarsening: float, outputs: bool = True, with_horizon: bool = False) -> Scene:
@@ -133,11 +161,15 @@ def make_forecast(case: Case, pilot: Pilot | None) -> Forecast:
     if case.history is not None:
         written, kept = numbers_of(len(case.scene.material.umat.states), case.scene.plane)
         numbers += written
-    memory = _memory(bonds, bool(case.body), bool(case.diffusion), numbers * nodes * len(case.scene.outputs.times))
+    total = numbers * nodes * len(case.scene.outputs.times)
+    memory = _memory(axes, bonds, bool(case.body), bool(case.diffusion), total)
+    setup = seconds_before(axes, case.body is not None, bonds)
     memory += 8.0 * kept * nodes
     if case.dynamics is not None:
         sweeps, (force, _) = motion_steps(case), _sweep_seconds(case)
-        return Forecast(memory, float(sweeps), seconds=OVERHEAD + MOTION * force * sweeps)
+        apart = type(case.body).force_and_ratios is Body.force_and_ratios
+        each = MOTION_ALONE if case.rule is None else MOTION_APART if apart else MOTION
+        return Forecast(memory, float(sweeps), seconds=setup + each * force * sweeps)
     if pilot is None:
         return Forecast(memory)
     coarsening = pilot.coarsening
@@ -150,7 +182,7 @@ def make_forecast(case: Case, pilot: Pilot | None) -> Forecast:
         more = rounds / last["failure_rounds"] if last.get("failure_rounds") else 1.0
         sweeps = before * coarsening + (sweeps - before) * more
     force, diffusion = _sweep_seconds(case)
-    seconds = OVERHEAD + force * (ITERATION * iterations + SEARCH * solves) + STEP * diffusion * sweeps
+    seconds = setup + force * (ITERATION * iterations + SEARCH * solves) + STEP * diffusion * sweeps
     return Forecast(
         memory,
         force_sweeps=iterations + solves if case.equilibrium else None,
@@ -166,10 +198,9 @@ def motion_steps(case: Case) -> int:
     return case.dynamics.steps(case.scene.time.end, stepping.step or stepping.safety * case.dynamics.limit)
 
 
-def _memory(bonds: float, mechanics: bool, hydrogen: bool, written: float) -> float:
+def _memory(axes: int, bonds: float, mechanics: bool, hydrogen: bool, written: float) -> float:
     """Peak of the process with so many directed bonds, and so many numbers at all outputs together, bytes."""
-    share = BOTH if mechanics and hydrogen else MECHANICS if mechanics else DIFFUSION
-    return PROCESS + share * bonds + COPIES * 8.0 * written
+    return PROCESS + bytes_of_bond(axes, mechanics, hydrogen) * bonds + COPIES * 8.0 * written
 
 
 def check_memory(scene: Scene, nodes: int) -> str:
@@ -180,8 +211,10 @@ def check_memory(scene: Scene, nodes: int) -> str:
     PdheError
         If it is expected to take more than there is, swap included, before any of it is taken.
     """
-    # As many neighbours as a circle or a ball of this radius holds: fewer at the boundary, a few more on triangles.
+    # As many neighbours as a circle or a ball of this radius holds: fewer at the boundary.
     ratio, axes = scene.horizon.ratio or scene.horizon_length / scene.mesh.spacing, 3 if scene.mesh.solid else 2
+    lattice = scene.mesh.cells in LATTICES and not scene.geometry.holes
+    ratio = bond_reach(ratio, scene.mechanics.partial_volume, lattice)
     family = math.pi * ratio**2 if axes == 2 else 4.0 / 3.0 * math.pi * ratio**3
     numbers = axes * bool(scene.loads) + bool(scene.damage) + bool(scene.hydrogen)
     kept = 0
@@ -189,7 +222,7 @@ def check_memory(scene: Scene, nodes: int) -> str:
         more, kept = numbers_of(len(scene.material.umat.states), scene.plane)
         numbers += more
     written = numbers * nodes * len(scene.outputs.times)
-    needed = _memory(nodes * family, bool(scene.loads), bool(scene.hydrogen), written) + 8.0 * kept * nodes
+    needed = _memory(axes, nodes * family, bool(scene.loads), bool(scene.hydrogen), written) + 8.0 * kept * nodes
     memory, swap = memory_of_machine()
     if needed <= USUAL_SHARE * memory:
         return ""

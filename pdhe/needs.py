@@ -16,20 +16,22 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from pdhe.costs import BOTH, COPIES, DIFFUSION, ITERATION, MECHANICS, OVERHEAD, PROCESS, SEARCH, STEP
+from pdhe.costs import COPIES, ITERATION, PROCESS, SEARCH, STEP, bond_reach, bytes_of_bond, seconds_before
 from pdhe.provenance import canonical
-from pdhe.scene_blocks import SOLID_CELLS
+from pdhe.scene_blocks import LATTICES, SOLID_CELLS
 from pdhe.scene_umat import numbers_of
 
 #: Directed bonds a second and thread of a force sweep and a diffusion sweep, on a lattice and on other nodes: rounded
 #: down from 4.0e8 to 7.0e8, 1.4e8 to 1.8e8, 8.2e8 to 2.4e9 and 7.4e8 to 1.8e9 (docs/performance-tables.md).
 FORCE_RATE, DIFFUSION_RATE = {True: 4e8, False: 1.4e8}, {True: 1e9, False: 8e8}
-#: The same in space: 6.3e7 to 9.4e7 and 4.3e8 to 1.5e9, measured with 4500 nodes of cubes and tetrahedra.
-SOLID_FORCE_RATE, SOLID_DIFFUSION_RATE = 6e7, 4e8
+#: The same in space: 6.9e7 (correspondence), 9.3e7 (bonds), 1.6e8 (state-based), 4.3e8 to 1.5e9, measured with 4000
+#: nodes of cubes and tetrahedra.
+SOLID_FORCE_RATE, SOLID_DIFFUSION_RATE = {"correspondence": 6e7, "state-based": 1.2e8}, 4e8
+SOLID_BOND_RATE = 7e7
 #: Iterations of an equilibrium, 8 to 16 measured, and rounds of failures for each cell that a crack can cross: 7 to 10
 #: on a lattice, 11 to 22 on triangles, where every crack that was drawn can grow. In space for each cell of the area
 #: that it can cross (2.3 on cubes and 2.6 on tetrahedra where it did): layers may break one by one.
-ITERATIONS, ROUNDS = 14.0, {True: 10.0, False: 20.0}
+ITERATIONS, ROUNDS, SOLID_ROUNDS = 14.0, {True: 10.0, False: 20.0}, 3.0
 #: Iterations of an increment of a user material over those of an equilibrium: several Newton steps, and worse
 #: conditioned where it yields (measured 4.1 and 5.6 in ``plastic_hole`` at 1 and 0.5 mm).
 NEWTON = 10.0
@@ -42,8 +44,12 @@ LONG = {False: 2.6, True: 5.0}
 #: Share of the explicit limit that a step takes, sweeps of a step, and sweeps that a round of failures adds.
 SAFETY, SWEEPS, AFTER_ROUND = 0.9, 2.0, 2.0
 #: Stable step with inertia over the time that sound takes for a spacing, at three spacings a horizon (1.04 and 1.09 in
-#: two scenes), and time of such a step in force sweeps, where bonds break in many of them.
-STABLE, MOVING = 0.8, 4.0
+#: two scenes, 0.84 in space), and the share of it that correspondence models whose bonds may break have (0.5 in the
+#: plane, 0.27 in space).
+STABLE, STIFFER = 0.8, {2: 0.5, 3: 0.25}
+#: Time of such a step in force sweeps, where bonds break in many of them: with kernels that find forces and failures at
+#: once, and without.
+MOVING, MOVING_APART = 4.0, 6.0
 #: Powers of the length in the weights of the kernels (:data:`pdhe.transport.KERNELS`).
 POWERS = {"constant": 0, "inverse": 1, "inverse square": 2}
 
@@ -124,20 +130,23 @@ def needs_of(scene: Mapping[str, Any]) -> Needs:
     mean = math.sqrt(area / nodes)
     nodes *= layers
     ratio = scene["horizon"].get("ratio") or scene["horizon"]["length"] / mesh["spacing"]
-    bonds = nodes * _moments(round(ratio, 3), 0, axes)[0]
-    lattice = mesh["cells"] in ("quadrilateral", "hexahedron") and not scene["geometry"]["holes"]
+    lattice = mesh["cells"] in LATTICES and not scene["geometry"]["holes"]
+    reach = round(bond_reach(ratio, scene["mechanics"]["partial_volume"], lattice), 3)
+    sides = (width, height, plate["thickness"])
+    bonds = nodes * (
+        _moments(reach, 0, axes)[0] if axes == 2 else _neighbours(reach, tuple(s / mesh["spacing"] for s in sides))
+    )
 
     moving = scene["stepping"]["mode"] == "dynamic"
     mechanics, hydrogen = bool(scene.get("loads")) or moving, scene.get("hydrogen")
     breaks, outputs = mechanics and "damage" in scene, len(scene["outputs"]["times"])
-    share = BOTH if mechanics and hydrogen else MECHANICS if mechanics else DIFFUSION
     numbers = axes * mechanics + axes * moving + breaks + bool(hydrogen)
     umat, kept = scene["material"].get("umat") if mechanics else None, 0
     if umat is not None:
         written, kept = numbers_of(len(umat["states"]), scene["mechanics"]["plane"] if axes == 2 else None)
         numbers += written
     fields = 8.0 * numbers * nodes * outputs
-    memory = PROCESS + share * bonds + 8.0 * kept * nodes + COPIES * fields
+    memory = PROCESS + bytes_of_bond(axes, mechanics, bool(hydrogen)) * bonds + 8.0 * kept * nodes + COPIES * fields
 
     solves, sweeps, stepping = outputs, 0.0, scene["stepping"]
     if stepping["mode"] == "fixed":
@@ -149,7 +158,8 @@ def needs_of(scene: Mapping[str, Any]) -> Needs:
         # A disc or a polygon is taken to have the whole way before it.
         lengths = [math.dist(crack["from"], crack["to"]) for crack in cracks if crack.get("from")]
         ways = 1 if lattice else max(1, len(cracks))
-        rounds = ROUNDS[lattice] * layers * ways * max(max(width, height) - max(lengths, default=0.0), 0.0) / mean
+        each = ROUNDS[lattice] if axes == 2 else SOLID_ROUNDS * layers
+        rounds = each * ways * max(max(width, height) - max(lengths, default=0.0), 0.0) / mean
     if hydrogen and stepping["mode"] == "events":
         number, square = _moments(round(ratio, 3), POWERS[hydrogen["kernel"]], axes)
         diffusivity = scene["material"]["diffusivity"]
@@ -161,7 +171,9 @@ def needs_of(scene: Mapping[str, Any]) -> Needs:
         sweeps = min(SWEEPS * explicit + AFTER_ROUND * rounds, long)
     # The others have no kernels for lattices: 2.0e8 and 1.2e8 measured.
     quick = lattice and scene["mechanics"]["model"] not in ("state-based", "correspondence")
-    rates = (FORCE_RATE[quick], DIFFUSION_RATE[lattice]) if axes == 2 else (SOLID_FORCE_RATE, SOLID_DIFFUSION_RATE)
+    rates = FORCE_RATE[quick], DIFFUSION_RATE[lattice]
+    if axes == 3:
+        rates = SOLID_FORCE_RATE.get(scene["mechanics"]["model"], SOLID_BOND_RATE), SOLID_DIFFUSION_RATE
     force, diffusion = (bonds / rate for rate in rates)
     work = STEP * diffusion * sweeps
     if moving:
@@ -170,13 +182,22 @@ def needs_of(scene: Mapping[str, Any]) -> Needs:
         stiffest = max([young, *(item.get("youngs_modulus") or item["factor"] * young for item in regions)])
         sound = math.sqrt(stiffest / scene["material"]["density"])
         stable = STABLE * ratio / 3.0 * finest / sound
-        work += force * MOVING * scene["time"]["end"] / (stepping.get("step") or stepping["safety"] * stable)
+        if breaks and scene["mechanics"]["model"] == "correspondence":
+            stable *= STIFFER[axes]
+        apart = axes == 3 or scene["mechanics"]["model"] in ("state-based", "correspondence")
+        work += (
+            force
+            * (MOVING_APART if apart else MOVING)
+            * scene["time"]["end"]
+            / (stepping.get("step") or stepping["safety"] * stable)
+        )
     elif mechanics:
         iterations = ITERATIONS * (1.0 if umat is None else NEWTON)
         large = LARGE_STRAIN if scene["mechanics"].get("strain") == "finite" else 1.0
         work += large * force * (ITERATION * iterations + SEARCH) * (solves + rounds)
     threads = min(max(int(bonds // WORTH_A_THREAD), 1), MOST_THREADS)
-    return Needs(nodes, fields, memory, threads, OVERHEAD + work / (1.0 + FURTHER_THREAD * (threads - 1)))
+    seconds = seconds_before(axes, mechanics, bonds) + work / (1.0 + FURTHER_THREAD * (threads - 1))
+    return Needs(nodes, fields, memory, threads, seconds)
 
 
 @cache
@@ -190,6 +211,14 @@ def _graded(geometry: str, mesh: str) -> tuple[float, float]:
         for kind, block in ((Geometry, geometry), (Mesh, mesh))
     )
     return SizeField(plate, spacing).cells(), spacing.finest
+
+
+@cache
+def _neighbours(ratio: float, cells: tuple[float, ...]) -> float:
+    """Mean number of neighbours within ``ratio`` spacings in a block of so many cells along its sides."""
+    reach = range(-math.floor(ratio), math.floor(ratio) + 1)
+    places = (place for place in itertools.product(reach, repeat=3) if 0.0 < math.hypot(*place) <= ratio)
+    return sum(math.prod(max(0.0, 1.0 - abs(k) / n) for k, n in zip(p, cells, strict=True)) for p in places)
 
 
 @cache

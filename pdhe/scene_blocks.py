@@ -27,6 +27,8 @@ EMBRITTLEMENT_LAWS = ("serebrinsky", "linear iron", "linear nickel", "linear alu
 MODELS = ("condensed rotation", "thesis spring", "one-parameter", "state-based", "correspondence")
 """Names of the elastic models."""
 SOLID_CELLS = ("hexahedron", "tetrahedron")
+#: Cells in a regular grid, as long as there are no holes.
+LATTICES = ("quadrilateral", "hexahedron")
 """Cells that fill space."""
 FIDELITIES = ("draft", "standard", "fine", "reference")
 """Names of the sets of settings that a scene may leave to the program, from cheap to accurate."""
