@@ -173,7 +173,8 @@ FINE_PATH = {
 
 
 # Measured 1.10, and 1.00 with 120 outputs; 1.14 graded, and 1.04 with 26,000 nodes. What a process needs before it has
-# bonds differs between versions of the libraries. In space 1.09, 0.99 to 1.06 with 30,720 cubes, 1.13 with 17,286 tetrahedra.
+# bonds differs between versions of the libraries. In space 1.09; 0.99 to 1.06 with 30,720 cubes and 1.13 with 17,286
+# tetrahedra.
 @pytest.mark.parametrize(
     ("path", "changes"),
     [
