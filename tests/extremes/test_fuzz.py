@@ -271,6 +271,10 @@ def richer_scenes(draw):
     if "damage" in raw:
         raw["damage"]["criterion"] = draw(st.sampled_from(["energy", "stretch", "energy density"]))
         raw["damage"]["tension_only"] = draw(st.sampled_from([True, True, False]))
+        parts = {"dilatational": {"factor": 0.5}, "deviatoric": {"factor": draw(st.sampled_from([0.1, 2.0]))}}
+        parts = draw(st.sampled_from([None, parts, {"deviatoric": parts["deviatoric"]}]))
+        if parts and raw["mechanics"]["model"] in ("state-based", "correspondence"):
+            raw["damage"]["split"] = parts
     if "hydrogen" in raw:
         raw["hydrogen"]["law"] = draw(st.sampled_from(EMBRITTLEMENT_LAWS))
     if draw(st.booleans()):
@@ -282,11 +286,14 @@ def richer_scenes(draw):
             {"name": "weld", "from": box[0], "to": box[1]},
             {"name": "spot", "centre": scaled([[0.6 * columns, 0.4 * rows]], spacing)[0], "radius": 1.3 * spacing},
         ]
-        factor = st.sampled_from([1e-6, 0.1, 0.5, 2.0, 1e3])
+        # Also formulas of the place, one of them not positive everywhere.
+        ramp, wave = f"0.1 + x/{columns * spacing!r}", f"cos(3*y/{rows * spacing!r})"
+        plain = [1e-6, 0.1, 0.5, 2.0, 1e3]
+        factor, by_place = st.sampled_from(plain), st.sampled_from([*plain, *({"expression": e} for e in (ramp, wave))])
         names = st.sampled_from([["weld"], ["spot"], ["weld", "spot"], ["left", "weld"]])
 
         def values():
-            return [{"on": name, "factor": draw(factor)} for name in draw(names)]
+            return [{"on": name, "factor": draw(by_place)} for name in draw(names)]
 
         if "damage" in raw and draw(st.booleans()):
             raw["damage"]["regions"] = values()
