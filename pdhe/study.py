@@ -343,7 +343,11 @@ def _scene_file(file: str, key: str, changes: dict[str, Any], study: Mapping[str
     if not is_file(found):
         beside = Path(file).parent / scene
         raise SceneError(
-            file, key, scene, "no such scene file", f"looked for {scene}, {beside} and in folders above it"
+            file,
+            key,
+            scene,
+            "no such scene file",
+            f"looked for {scene}, {beside}, in folders above it and in the checkout",
         )
     return found
 

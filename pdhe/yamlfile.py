@@ -144,10 +144,11 @@ _Loader.add_constructor(None, _refuse_tag)
 def find_file(named: str, beside: Iterable[str | Path]) -> str:
     """Return the path of a file that another file names: from the working directory, or beside that or above it.
 
-    The name itself where there is no such file.
+    Then from the folder of this checkout, and the name itself where there is no such file.
     """
     if not is_file(named):
-        for parent in (parent for file in beside for parent in Path(file).resolve().parents):
+        parents = [parent for file in beside for parent in Path(file).resolve().parents]
+        for parent in (*parents, Path(__file__).resolve().parents[1]):
             if is_file(parent / named):
                 return str(parent / named)
     return named

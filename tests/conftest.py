@@ -1,6 +1,9 @@
 """Options that add the tests which take minutes or a cluster; one thread for those that gain nothing from more."""
 
+import ctypes
+import os
 import signal
+import sys
 
 import pytest
 
@@ -39,3 +42,29 @@ def heeding_interrupts():
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
+
+
+class _Head(ctypes.Structure):
+    _fields_ = (("version", ctypes.c_uint32), ("process", ctypes.c_int))
+
+
+class _Sets(ctypes.Structure):
+    _fields_ = (("effective", ctypes.c_uint32), ("permitted", ctypes.c_uint32), ("inheritable", ctypes.c_uint32))
+
+
+@pytest.fixture
+def held_to_permissions():
+    """Root may write anywhere: meanwhile it may write where anybody else might (capabilities(7), of this thread)."""
+    if os.geteuid() != 0:
+        yield
+        return
+    if not sys.platform.startswith("linux"):
+        pytest.skip("root may write anywhere")
+    libc, head, sets = ctypes.CDLL(None, use_errno=True), _Head(0x20080522, 0), (_Sets * 2)()
+    assert libc.capget(ctypes.byref(head), sets) == 0
+    before = sets[0].effective
+    sets[0].effective &= ~(1 << 1)  # CAP_DAC_OVERRIDE
+    assert libc.capset(ctypes.byref(head), sets) == 0
+    yield
+    sets[0].effective = before
+    assert libc.capset(ctypes.byref(head), sets) == 0

@@ -146,9 +146,8 @@ def test_a_place_that_cannot_be_written_to_is_told_before_anything_is_computed(m
     assert told.startswith(f"error: {tmp_path / 'r.nc'}: read-only; write elsewhere")
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
 @pytest.mark.parametrize("name", ["mesh", "nodes", "solve", "figures", "animate", "history"])
-def test_a_read_only_folder_is_told(name, made, tmp_path, capsys):
+def test_a_read_only_folder_is_told(name, made, tmp_path, capsys, held_to_permissions):
     folder = tmp_path / "results"
     folder.mkdir(mode=0o555)
     words, _ = words_of(made, name, folder)
