@@ -66,7 +66,9 @@ class NewtonEquilibrium:
         return {"reference": self.reference}
 
     def recall(self, memory: Mapping[str, Any], broken: Sequence[np.ndarray]) -> None:
-        """Become as a solver was that said this of itself."""
+        """Become as a solver was that said this of itself, and break the bonds of its body, call by call."""
+        for piece in broken:
+            self.body.break_bonds(piece)
         self.reference = memory["reference"]
 
     def elastic(self, u: np.ndarray, force: np.ndarray) -> float:

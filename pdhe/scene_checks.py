@@ -552,7 +552,10 @@ def _check_strain(scene: "Scene") -> None:
         raise problem(text, "use `mechanics: {model: correspondence}`, or leave it out", "mechanics.strain")
     for found, key, text, hint in (
         (scene.material.umat is not None, "material.umat", "is called with small strains alone", "leave one of them"),
-        (scene.damage is not None, "damage", "has energies of bonds for small strains alone", "leave one of them"),
+        (scene.damage is not None and scene.stepping.mode == "events", "stepping.mode",
+         "knows how bonds are loaded between two load steps for small strains alone", "use mode `fixed` with `damage`"),
+        (scene.damage is not None and scene.damage.split is not None, "damage.split",
+         "is known for small strains alone", "leave one of them"),
         (scene.stepping.mode == "dynamic", "stepping.mode", "has proved steps for small strains alone",
          "use mode `events` or `fixed`"),
     ):  # fmt: skip

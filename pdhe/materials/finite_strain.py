@@ -12,7 +12,7 @@ from pdhe.errors import PdheError
 from pdhe.kernels import correspondence, correspondence3d
 from pdhe.kernels import finite_strain as kernels
 from pdhe.kernels.jit import as_float
-from pdhe.materials.body import Model
+from pdhe.materials.body import Body, Measure, Model
 from pdhe.materials.correspondence import CorrespondenceBody
 from pdhe.materials.solid_correspondence import SolidCorrespondenceBody
 
@@ -153,9 +153,12 @@ class FiniteStrain:
     ----------
     law
         The stress of a node as a function of its gradient.
+    bonds_have_loads
+        Whether it is the law of Saint Venant and Kirchhoff, for which energies of bonds are known.
     """
 
     law: StressLaw
+    bonds_have_loads: bool
     place: np.ndarray
     control_turns: tuple[bool, ...]
     state_turns: tuple[bool, ...]
@@ -202,8 +205,61 @@ class FiniteStrain:
         return 0.5 * (h + h.swapaxes(1, 2) + h.swapaxes(1, 2) @ h)
 
     def node_parts(self, u: np.ndarray) -> np.ndarray:
-        """Refused: what loads a bond, and with it failure, is defined for small strains alone."""
-        raise PdheError("loads of bonds are known for small strains alone")
+        """Displacement gradient of each node, and images behind them, and ``g S K^-1``, N/m^6 (n, 2 d d).
+
+        Raises
+        ------
+        PdheError
+            With another law than Saint Venant-Kirchhoff's, under which energy and strain belong together otherwise.
+        """
+        if not self.bonds_have_loads:
+            raise PdheError("loads of bonds are known for the stress of Saint Venant and Kirchhoff alone")
+        pose = self.at(u)
+        n, d = u.shape
+        gradient, stress = (array.reshape(n, d, d) for array in (pose.gradient, pose.stress))
+        second = np.linalg.solve(np.eye(d) + gradient, stress)
+        state = self.share[:, None, None] * (second @ self.inverse[:, self.place])
+        return self._beyond(np.hstack([pose.gradient, state.reshape(n, d * d)]), 2 * self.state_turns)
+
+    def bond_parts(
+        self, u: np.ndarray, bond: np.ndarray, owner: np.ndarray, nodes: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Stretch of some directed bonds, and twice the energy that either end gives them, N/m^6 (3, k).
+
+        The stretch is the change of the length over the length, the energy that of theory, eq. 2.31, over the weight
+        and the length.
+        """
+        nodes, other, d = self.node_parts(u) if nodes is None else nodes, self.bonds.neighbours[bond], u.shape[1]
+        length, u = self.bonds.length[bond][:, None], self._with_images(u)
+        direction, relative = (self._x[other] - self._x[owner]) / length, (u[other] - u[owner]) / length
+        grown = np.einsum("ka,ka->k", 2.0 * direction + relative, relative)  # of the length squared
+        parts = [grown / (1.0 + np.sqrt(1.0 + grown))]
+        for end in (owner, other):
+            gradient, state = (part.reshape(-1, d, d) for part in np.split(nodes[end], 2, axis=1))
+            control = self.control[end][:, self.place]
+            affine = np.einsum("kab,kb->ka", gradient, direction)
+            rest = relative - affine
+            # Of the deformed bond, pulled back into the directions at rest.
+            strain = 0.5 * (affine + np.einsum("kba,kb->ka", gradient, direction + affine))
+            back = rest + np.einsum("kba,kb->ka", gradient, rest)
+            resisted = back if self.turns else rest
+            parts.append(
+                np.einsum("kab,kb,ka->k", state, direction, strain + back)
+                + np.einsum("kab,kb,ka->k", control, back, strain)
+                + np.einsum("kab,kb,ka->k", control, resisted, resisted)
+            )
+        return np.stack(parts)
+
+    def measure(self, bond: np.ndarray, owner: np.ndarray) -> Measure:
+        """Energy of some bonds as both ends see it: of all bonds together, that of the body (theory, eq. 2.31)."""
+        normal = self.normal
+
+        def square(parts: np.ndarray) -> np.ndarray:
+            return (parts[1] + parts[2]) / normal
+
+        return Measure(normal * self.bonds.weight[bond] * self.bonds.length[bond], square)
+
+    largest_ratios = Body.largest_ratios
 
 
 class FiniteStrainBody(FiniteStrain, CorrespondenceBody):
@@ -232,7 +288,7 @@ class FiniteStrainBody(FiniteStrain, CorrespondenceBody):
         law: StressLaw | None = None,
     ) -> None:
         super().__init__(bonds, model, coordinates, volume, precision)
-        self.law = law or saint_venant_kirchhoff(self)
+        self.law, self.bonds_have_loads = law or saint_venant_kirchhoff(self), law is None
 
     @property
     def _bonded(self) -> tuple[np.ndarray, ...]:
@@ -281,7 +337,7 @@ class FiniteStrainSolidBody(FiniteStrain, SolidCorrespondenceBody):
         law: StressLaw | None = None,
     ) -> None:
         super().__init__(bonds, model, coordinates, volume, precision)
-        self.law = law or saint_venant_kirchhoff(self)
+        self.law, self.bonds_have_loads = law or saint_venant_kirchhoff(self), law is None
 
     def _beyond(self, values: np.ndarray, turn: tuple[bool, ...]) -> np.ndarray:
         """Node values as they are: there are no images in space."""

@@ -12,12 +12,16 @@ from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
 from pdhe.materials import Body, Correspondence, FiniteStrain, make_body
 from pdhe.newton import NewtonEquilibrium
+from pdhe.scene import Scene
+from pdhe.simulation import simulate
 from pdhe.solid_bonds import build_solid_bonds
 from pdhe.verification.drawing import COLOURS, MARKERS, label, panels
 from pdhe.verification.plates import POISSON, THICKNESS, YOUNG, plate_body, square_plate
 from pdhe.verification.report import Report, Row
+from pdhe.verification.slabs import case_of
 
 if TYPE_CHECKING:
+    import xarray as xr
     from matplotlib.figure import Figure
 
 SPACING, SIDE = 1e-3, 6
@@ -27,6 +31,8 @@ HORIZON, SHORT = 3.015e-3, 2.015e-3
 SLENDER, MOVED = 20, (0.01, 0.2, 0.4, 0.6, 0.7)
 PLACES = {"stress": "plane stress", "strain": "plane strain", None: "space"}
 DEGREES = (30.0, 90.0, 180.0)
+#: Displacements of the edges of strips that tear, at the start and at the end, over that at which they should.
+PULLED = (0.8, 1.15)
 
 TEXT = """\
 *Points.* Bodies of displaced nodes, a fifth of their bonds broken, are given displacements with strains and rotations
@@ -43,7 +49,12 @@ stiffness itself is what the force at the smallest displacement shows. With few 
 under small strains: the gradient of a node at a face comes from one side alone.
 
 *Ring.* Both ends of a strip of 6 by 242 nodes are turned rigidly until they meet. It becomes a circle of its own
-length, with a bending energy that is quadratic in the angle; strains at its faces reach 8 %."""
+length, with a bending energy that is quadratic in the angle; strains at its faces reach 8 %.
+
+*Tearing.* A strip, 32 mm long and 12 mm high, has a notch of 14 mm and is pulled at both long edges. Where it is not
+cracked, it stores the energy of a uniform stretch; a crack that runs sets free that energy times the height for its
+area (Rivlin and Thomas 1953), whatever the strain. The fracture energy is chosen so that this happens at a given
+stretch. Bonds have the energy of theory, eq. 2.31, which sums up to that of the body."""
 
 
 def point_body(plane: str | None, broken: float = 0.2) -> FiniteStrain:
@@ -244,13 +255,77 @@ def ring_rows() -> list[Row]:
     ]  # fmt: skip
 
 
-def run(across: tuple[int, ...] = (5, 9, 15), ring: bool = True) -> Report:
-    """All of the above; ``across`` are the numbers of nodes across the strips that are bent."""
+def torn(strain: str, stretch: float, steps: int, width: float = 32e-3) -> Scene:
+    """Scene of a notched strip, held along both long edges, that should tear at a stretch: see the text.
+
+    In fixed load steps it goes from 0.8 to 1.15 times the displacement of that stretch. ``width`` is in m.
+    """
+    high, young, nu = 12e-3, 1e6, 0.3
+    toughness = 0.5 * young / (1.0 - nu**2) * _elongation(strain, stretch) ** 2 * high
+    held = {"times": [0.0], "values": [0.0]}
+    pull = {"times": [0.0, 1.0], "values": [share * (stretch - 1.0) * high for share in PULLED]}
+    return Scene.from_resolved({
+        "geometry": {
+            "plate": {"width": width, "height": high, "thickness": 1e-3},
+            "cracks": [{"name": "notch", "from": [0.0, 0.5 * high], "to": [14e-3, 0.5 * high]}],
+        },
+        "mesh": {"spacing": 1e-3},
+        "horizon": {"ratio": HORIZON / SPACING},
+        "material": {"youngs_modulus": young, "poissons_ratio": nu, "critical_energy_release_rate": toughness},
+        "mechanics": {"model": "correspondence", "strain": strain},
+        "loads": [
+            {"on": "top", "displacement": {"x": held, "y": pull}},
+            {"on": "bottom", "displacement": {"x": held, "y": held}},
+        ],
+        "damage": {"criterion": "energy", "no_fail": ["top", "bottom"]},
+        "time": {"end": 1.0},
+        "stepping": {"mode": "fixed", "load_steps": steps, "diffusion_substeps": 1},
+        "solver": {"tolerance": 1e-6},
+        "outputs": {"times": [0.0, 1.0]},
+    })  # fmt: skip
+
+
+def _elongation(strain: str, stretch: float) -> float:
+    return 0.5 * (stretch**2 - 1.0) if strain == "finite" else stretch - 1.0
+
+
+def tears_at(result: xr.Dataset, strain: str, stretch: float, steps: int) -> float:
+    """Energy that a strip stores ahead of its crack, over the fracture energy, once that has run for 10 mm.
+
+    In the middle of the load step that makes it run.
+    """
+    first = int(np.argmax(result["crack_extension"].values > 10e-3))
+    when = float(result["history_time"].values[first]) - 0.5 / steps
+    here = 1.0 + (PULLED[0] + (PULLED[1] - PULLED[0]) * when) * (stretch - 1.0)
+    return (_elongation(strain, here) / _elongation(strain, stretch)) ** 2
+
+
+def tearing_rows(stretches: tuple[float, ...], steps: int) -> list[Row]:
+    """Toughness of strips at small strains and at large ones."""
+    found, step = [], 200.0 * (PULLED[1] - PULLED[0]) / steps
+    for strain, stretch in (("small", 1.0003), *(("finite", value) for value in (1.0003, *stretches))):
+        released = tears_at(simulate(case_of(torn(strain, stretch, steps))), strain, stretch, steps)
+        found.append(
+            Row(f"energy release rate at which a strip tears, {strain} strains, stretch {stretch:g}", 1.0, released,
+                0.1, "G_c", reason=f"measured 0.97 to 1.05; a load step is {step:.2g} %")
+        )  # fmt: skip
+    return found
+
+
+def run(
+    across: tuple[int, ...] = (5, 9, 15), ring: bool = True, tears: tuple[float, ...] = (1.1, 1.3, 1.6), steps: int = 20
+) -> Report:
+    """All of the above.
+
+    ``across`` are the numbers of nodes across the strips that are bent, ``tears`` the stretches at which others tear,
+    in so many load ``steps``.
+    """
     rows = [row for plane in PLACES for row in point_rows(plane)]
     cases = [bent(count) for count in across]
     rows += [row for case in cases for row in elastica_rows(case)]
     if ring:
         rows += ring_rows()
+    rows += tearing_rows(tears, steps)
     return Report("large_strains", "Large strains and rotations", TEXT, rows, partial(_draw, cases))
 
 

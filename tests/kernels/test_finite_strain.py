@@ -8,7 +8,7 @@ import pytest
 from pdhe import materials
 from pdhe.errors import PdheError
 from pdhe.kernels.finite_strain import compiled
-from pdhe.materials.body import BondLoad
+from pdhe.materials.body import BY_ENERGY, BY_STRETCH
 from pdhe.materials.constants import Orthotropic
 from pdhe.materials.finite_strain import FiniteStrainBody, FiniteStrainSolidBody, StressLaw
 from tests.lattices import YOUNG, make_body
@@ -230,7 +230,48 @@ def test_a_node_takes_any_compiled_stress_function():
     assert len(kernels.respond._serial.signatures) == 1
 
 
-def test_bonds_of_large_strain_have_no_loads():
-    x, body, _ = bodies("stress")
-    with pytest.raises(PdheError, match="small strains alone"):
-        body.bond_loads(0.0 * x, BondLoad(by_energy=True))
+@pytest.mark.parametrize("zero_energy", CONTROLS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_bonds_have_the_energy_of_the_body_and_their_loads_turn_along(kind, zero_energy):
+    x, body, reference = bodies(kind, zero_energy)
+    u, bond = far(x), np.flatnonzero(body.intact & body.bonds.once())
+    owner = body.bonds.owners()[bond]
+    measure = body.measure(bond, owner)
+
+    def energies(at):
+        return 0.5 * measure.stiffness * measure.square(body.bond_parts(at, bond, owner))
+
+    # Measured 3e-16.
+    assert energies(u).sum() == pytest.approx(body.energy(u).sum(), rel=1e-12)
+    alone, loads = energies(u), [body.bond_loads(u, load) for load in (BY_STRETCH, BY_ENERGY)]
+    length = np.linalg.norm((x + u)[body.bonds.neighbours] - (x + u)[body.bonds.owners()], axis=1)
+    np.testing.assert_allclose(loads[0], np.maximum(length / body.bonds.length - 1.0, 0.0), rtol=0.0, atol=1e-13)
+    for degrees in (90.0, 180.0):
+        turned = (x + u) @ rotation(x.shape[1], degrees).T - x
+        # Measured 4e-15.
+        np.testing.assert_allclose(energies(turned), alone, rtol=0.0, atol=1e-12 * np.abs(alone).max())
+        for load, before in zip((BY_STRETCH, BY_ENERGY), loads, strict=True):
+            after = body.bond_loads(turned, load)
+            # Bonds of next to no energy or stretch have the root of the round-off.
+            sure = before > 1e-3 * before.max()
+            np.testing.assert_allclose(after[sure], before[sure], rtol=1e-9)
+    small = 1e-8 / 0.15 * u
+    for load in (BY_STRETCH, BY_ENERGY):
+        expected = reference.bond_loads(small, load)
+        # Measured 3e-8 of the largest.
+        off = np.abs(body.bond_loads(small, load) - expected)
+        assert off[expected > 0.05 * expected.max()].max() < 1e-6 * expected.max()
+    resistance = np.random.default_rng(1).uniform(1.0, 2.0, len(x))
+    top, _ = body.largest_ratios(u, BY_ENERGY, body.intact, resistance)
+    every, j = body.bonds.owners(), body.bonds.neighbours
+    expected = np.zeros(len(x))
+    ratio = np.where(body.intact, loads[1], 0.0) / np.minimum(resistance[every], resistance[j])
+    np.maximum.at(expected, every, ratio)
+    np.testing.assert_allclose(top, expected, rtol=1e-12)
+
+
+def test_bonds_of_another_law_have_no_loads():
+    law = StressLaw(compiled(neo_hooke), np.array([[1e11, 1e11]]))
+    x, body, _ = bodies("strain", law=law)
+    with pytest.raises(PdheError, match="Saint Venant and Kirchhoff alone"):
+        body.bond_loads(0.0 * x, BY_ENERGY)

@@ -16,6 +16,7 @@ from pdhe.plan import make_plan
 from pdhe.results import open_result
 from pdhe.scene import Scene, load_scene
 from pdhe.simulation import simulate, solve_case
+from pdhe.verification.large_strains import torn
 from pdhe.verification.slabs import nodes_of
 from pdhe.verification.symmetry import pair_of
 
@@ -41,7 +42,24 @@ def strip(**changes):
 
 BAD = {
     "another model": ({"mechanics.model": "state-based"}, "mechanics.strain", "not known to model `state-based`"),
-    "damage": ({"damage": {"criterion": "energy"}}, "damage", "small strains alone"),
+    "damage from event to event": ({"damage": {"criterion": "energy"}}, "stepping.mode", "use mode `fixed`"),
+    "energies in two parts": (
+        {
+            "damage": {"criterion": "energy", "split": {"deviatoric": {"factor": 1}}},
+            "stepping": {"mode": "fixed", "load_steps": 4, "diffusion_substeps": 1},
+        },
+        "damage.split",
+        "small strains alone",
+    ),
+    "a user material": (
+        {
+            "material.umat": {"source": "config/umat/elastic.c", "properties": [2e11, 0.3]},
+            "stepping": {"mode": "fixed", "load_steps": 4, "diffusion_substeps": 1},
+            "loads": [{"on": "left", "displacement": {"x": "0 mm"}}],
+        },
+        "material.umat",
+        "small strains alone",
+    ),
     "inertia": ({"stepping": {"mode": "dynamic"}, "time.end": "1 us"}, "stepping.mode", "small strains alone"),
     "no such strain": ({"mechanics.strain": "large"}, "mechanics.strain", "finite"),
 }
@@ -94,8 +112,25 @@ def test_outputs_and_load_steps_have_equilibria_of_their_own(tmp_path):
     assert "by the length of the load steps" in told and "the forces on free nodes are" in told
 
 
-def test_a_run_goes_on_from_a_checkpoint_to_the_same_bits(tmp_path, monkeypatch):
+def test_small_strains_break_the_same_bonds():
+    """At the stretch of a steel: one bond after the other, as under small strains."""
+    found = []
+    for strain in ("small", "finite"):
+        scene = torn(strain, 1.0003, 10, 24e-3)
+        found.append(simulate(build_case(scene, lattice_nodes(scene))))
+    assert int(found[0]["broken_bonds"].values[-1]) > 80
+    np.testing.assert_array_equal(found[0]["damage"].values, found[1]["damage"].values)
+    for name in ("broken_bonds", "failure_rounds", "crack_extension"):
+        np.testing.assert_array_equal(found[0][name].values, found[1][name].values)
+    # Measured 5e-4, of the size of the strain in front of the crack.
+    np.testing.assert_allclose(found[0]["fracture_energy"].values, found[1]["fracture_energy"].values, rtol=2e-3)
+
+
+@pytest.mark.parametrize("name", ["bent", "torn"])
+def test_a_run_goes_on_from_a_checkpoint_to_the_same_bits(name, tmp_path, monkeypatch):
     scene = strip(hydrogen={"boundary": [{"on": "left", "coverage": 1}], "initial": 0})
+    if name == "torn":
+        scene = torn("finite", 1.3, 4, 20e-3)
     nodes = lattice_nodes(scene)
     solve_case(scene, nodes, tmp_path / "whole.nc")
     monkeypatch.setenv(CADENCE, "0")
@@ -107,7 +142,7 @@ def test_a_run_goes_on_from_a_checkpoint_to_the_same_bits(tmp_path, monkeypatch)
     def ended(self, run):
         offer(self, run)
         count[0] += 1
-        if count[0] % 2 == 0:
+        if count[0] % (2 if name == "bent" else 30) == 0:
             raise Stop
 
     monkeypatch.setattr(Keeper, "offer", ended)
@@ -120,6 +155,7 @@ def test_a_run_goes_on_from_a_checkpoint_to_the_same_bits(tmp_path, monkeypatch)
     assert ends >= 2
     with open_result(tmp_path / "whole.nc") as one, open_result(tmp_path / "parts.nc") as other:
         assert {name for name in one if not one[name].identical(other[name])} == set()
+        assert name == "bent" or int(one["broken_bonds"].values[-1]) > 80
 
 
 def test_a_half_is_the_half_of_a_whole():

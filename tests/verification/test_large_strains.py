@@ -4,7 +4,7 @@ from pdhe.verification.large_strains import elastica_at, run
 
 
 def test_large_strains_have_their_closed_forms(tmp_path):
-    report = run(across=(5, 9))
+    report = run(across=(5,), ring=False, tears=(1.6,), steps=10)
     assert report.passed, [row for row in report.rows if not row.passed]
     report.write(tmp_path)
     assert (tmp_path / "figure.png").stat().st_size > 10_000
