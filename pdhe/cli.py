@@ -137,7 +137,9 @@ def _parser() -> argparse.ArgumentParser:
     spec = option("--spec", required=True, metavar="JSON", help="resolved blocks of the scene, SI")
     style = option("--style", default="{}", metavar="JSON", help="style of the figures")
     result = file("--result", help="result of a solve")
-    kind = option("--kind", required=True, choices=("damage", "displacement", "coverage"), help="field to draw")
+    kind = option(
+        "--kind", required=True, choices=("damage", "displacement", "coverage", "state"), help="field to draw"
+    )
     scene = option("scene", type=Path, metavar="SCENE", help="scene file")
     anywhere = file("--out", help="file to write; standard output when not given", required=False)
 

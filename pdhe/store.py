@@ -156,7 +156,7 @@ def _require(results: Path) -> None:
 
 def _of_case(path: Path) -> bool:
     """Whether a folder holds figures of a case and nothing else that somebody may have put there."""
-    ours = re.compile(r"history\.(csv|png)|(damage|displacement|coverage)\.(png|gif)")
+    ours = re.compile(r"history\.(csv|png)|(damage|displacement|coverage|state)\.(png|gif)")
     return path.is_dir() and all(ours.fullmatch(file.name) for file in path.iterdir())
 
 

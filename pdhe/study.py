@@ -39,8 +39,8 @@ CONFIG_KEYS = (
 )  # fmt: skip
 """Keys of a workflow configuration."""
 
-PICTURES = {"damage": "damage", "displacement": "loads", "coverage": "hydrogen"}
-"""Pictures of a case, each with the block of the scene that has to be there for it."""
+PICTURES = {"damage": "damage", "displacement": "loads", "coverage": "hydrogen", "state": "material.umat.states"}
+"""Pictures of a case, each with the part of the scene that has to be there for it."""
 
 STYLE_KEYS = (
     "times",
@@ -51,6 +51,8 @@ STYLE_KEYS = (
     "damage_map",
     "coverage_map",
     "displacement_map",
+    "state",
+    "state_map",
     "damage_limit",
     "component",
     "magnification",
@@ -290,12 +292,22 @@ def _cases(file: str, study_name: str, study: Mapping[str, Any], wanted: Sequenc
                 raise SceneError(file, place if given else "study.sweep", name, "two cases have the same name")
             seen.add(name)
             resolved = _resolve(file, scene, {**base, **swept, **changes}, places)
-            pictures = tuple(kind for kind, block in PICTURES.items() if kind in wanted and block in resolved)
+            pictures = tuple(kind for kind, part in PICTURES.items() if kind in wanted and _has(resolved, part))
             case = Case(study_name, name, scene, resolved, pictures)
             if len(case.solve_spec) > SPEC_LIMIT:
                 hint = "use fewer output times or shorter tables"
                 raise SceneError(scene, "", None, "the scene is too long to pass to a solve", hint)
             yield case
+
+
+def _has(resolved: Mapping[str, Any], part: str) -> bool:
+    """Tell whether a scene has a part that is not empty; user materials come with loads alone."""
+    place: Any = resolved
+    for key in part.split("."):
+        place = place.get(key)
+        if place is None or (key == "umat" and "loads" not in resolved):
+            return False
+    return len(place) > 0
 
 
 def _sweep(file: str, study: Mapping[str, Any]) -> dict[str, Any]:

@@ -43,7 +43,7 @@ def opening(centres: np.ndarray, share: float, tip: float) -> np.ndarray:
 def write_result(
     path: Path, physics: str = "mdh", triangles: bool = False, outputs: int = 7, notch: dict = NOTCH
 ) -> Path:
-    """Write a result with mechanics (m), damage (d) and hydrogen (h), as wanted.
+    """Write a result with mechanics (m), damage (d), hydrogen (h) and state variables (u), as wanted.
 
     The crack starts in the middle of the time and advances by a cell at each output from then on.
     """
@@ -82,6 +82,9 @@ def write_result(
             fields["coverage"] = psi
             content = float((psi * d.volume).sum())
             row |= {"mean_coverage": psi.mean(), "hydrogen_content": content, "hydrogen_influx": content}
+        if "u" in physics:
+            fields["state_age"] = 1e-2 * share * np.linspace(0.0, 1.0, len(d.cells)) ** 2
+            fields["state_rest"] = np.zeros(len(d.cells))
         recorder.row(**row)
         recorder.snapshot(time, **fields)
     scene = {"geometry": {"cracks": [notch] if "m" in physics else []}}

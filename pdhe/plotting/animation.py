@@ -27,7 +27,7 @@ _WIDTH = 120.0  # of the page in mm; with the type at its usual size, this makes
 
 
 def animate(kind: str, result_path: str | Path, style: Mapping[str, Any] | None, out_path: str | Path) -> None:
-    """Draw ``damage``, ``displacement`` or ``coverage`` of a result over time, as a GIF that loops.
+    """Draw ``damage``, ``displacement``, ``coverage`` or a ``state`` variable of a result in time, as a GIF that loops.
 
     Every output is a frame, or as many evenly spaced ones as the style allows; the last one is held.
 

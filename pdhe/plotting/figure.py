@@ -19,7 +19,7 @@ from pdhe.wholefile import moved_when_whole
 
 
 def draw(kind: str, result_path: str | Path, style: Mapping[str, Any] | None, out_path: str | Path) -> None:
-    """Draw ``damage``, ``displacement`` or ``coverage`` of a result at the times of the style.
+    """Draw ``damage``, ``displacement``, ``coverage`` or a ``state`` variable of a result at the times of the style.
 
     Cracks are drawn as dark lines along the facets of the cells. Displacement is shown on the displaced shape, whose
     magnification stands in the figure, as its ``y`` component unless another grows larger. Bodies in space are seen

@@ -18,8 +18,10 @@ from pdhe.plotting.shape import Extent, cell_of_pixel, displaced_corners, facet_
 from pdhe.plotting.style import Style
 from pdhe.whole import whole_result
 
-#: Kinds of picture, and the block of the scene without which a result lacks the field.
-KINDS = {"damage": "damage", "displacement": "loads", "coverage": "hydrogen"}
+#: Kinds of picture, and the part of the scene without which a result lacks the field.
+KINDS = {"damage": "damage", "displacement": "loads", "coverage": "hydrogen", "state": "material.umat.states"}
+#: What the names of state variables of a user material begin with.
+STATE = "state_"
 CRACK, OUTLINE, CASING = "black", "0.35", (1.0, 1.0, 1.0, 0.75)
 _PREFIXES = (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6), ("nm", 1e-9))
 #: Largest displacement in the displaced shape over the length of the body.
@@ -33,8 +35,13 @@ def check_kind(result: xr.Dataset, kind: str, path: str | Path) -> None:
         raise PdheError(
             f"no picture of '{kind}'; " + (f"did you mean '{near[0]}'?" if near else f"known: {', '.join(KINDS)}")
         )
-    if kind not in result:
+    if kind not in result and not (kind == "state" and states_of(result)):
         raise PdheError(f"{path}: the result holds no {kind}, because its scene has no `{KINDS[kind]}`")
+
+
+def states_of(result: xr.Dataset) -> list[str]:
+    """Names of the state variables of a user material in a result, in order."""
+    return [str(name).removeprefix(STATE) for name in result.data_vars if str(name).startswith(STATE)]
 
 
 class Picture:
@@ -51,10 +58,12 @@ class Picture:
         self.facets = self._facets()
         self.cracks = post.open_facets(result, self.facets)
         self.pre_cracks = post.pre_cracks(result)
-        self.field = result[kind].values
+        self.field = result[kind].values if kind != "state" else np.empty(0)
         self.magnification = 0.0
         if kind == "displacement":
             self._set_displacement(style)
+        elif kind == "state":
+            self._set_state(style)
         else:
             self.limits = (0.0, style.damage_limit if kind == "damage" else 1.0)
             self.label = {"damage": r"damage $\phi$ (share of broken bonds)", "coverage": r"hydrogen coverage $\psi$"}[
@@ -91,6 +100,17 @@ class Picture:
             self.magnification = style.magnification
         elif largest.max() > 0:
             self.magnification = _round_down(_VISIBLE * np.ptp(self.vertices, axis=0).max() / largest.max())
+
+    def _set_state(self, style: Style) -> None:
+        known = states_of(self.result)
+        name = style.state or known[0]
+        if name not in known:
+            raise PdheError(f"figure style: 'state' is '{name}', not one of {', '.join(known)}")
+        variable = self.result[STATE + name]
+        self.field, unit = variable.values, variable.attrs.get("units", "1")
+        low, high = float(self.field.min()), float(self.field.max())
+        self.limits = (min(low, 0.0), high if high > low else max(high, 0.0) + 1.0)
+        self.label = name.replace("_", " ") + (f" ({unit})" if unit != "1" else "")
 
     def _largest(self, amount: np.ndarray) -> str:
         """The component that grows largest; of equal ones y, then x."""
@@ -152,6 +172,8 @@ class Picture:
     def remark(self, index: int) -> str:
         """A number that tells how far things are at an output."""
         time = self.times[index]
+        if self.kind == "state":
+            return f"up to {self.field[index].max():.3g}"
         if "crack_extension" in self.result:
             return f"Δa = {1e3 * post.at_time(self.result, 'crack_extension', time):.1f} mm"
         if "mean_coverage" in self.result:

@@ -52,6 +52,9 @@ class Style:
     a name that matplotlib knows."""
     coverage_map: str = "viridis"
     displacement_map: str = "RdBu_r"
+    state: str | None = None
+    """State variable of a user material: its name. Default: the first one."""
+    state_map: str = "viridis"
     damage_limit: float = 0.5
     """Upper end of the damage scale. Next to a straight crack nearly half of all bonds are broken."""
     component: str = "auto"
@@ -149,6 +152,8 @@ _CHECKS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "damage_map": _colour_map("damage"),
     "coverage_map": _colour_map(),
     "displacement_map": _colour_map(),
+    "state": (lambda v: isinstance(v, str), "the name of a state variable"),
+    "state_map": _colour_map(),
     "damage_limit": _between(0.01, 1),
     "component": (lambda v: v in COMPONENTS, f"one of {', '.join(COMPONENTS)}"),
     "magnification": _between(0, 1e9),

@@ -58,7 +58,8 @@ CONFIG = {
 }  # fmt: skip
 STYLE = {
     "times": ["1 h"], "panels": 3, "dpi": 100, "width": 85, "font_size": 7, "damage_map": "viridis",
-    "coverage_map": "magma", "displacement_map": "RdBu", "damage_limit": 0.4, "component": "x", "magnification": 10,
+    "coverage_map": "magma", "displacement_map": "RdBu", "state": "age", "state_map": "magma",
+    "damage_limit": 0.4, "component": "x", "magnification": 10,
     "window": [0, 1, 0, "40 mm"], "frames": 10, "frame_width": 400, "duration": 3, "hold": 1,
 }  # fmt: skip
 

@@ -19,12 +19,12 @@ FAST = {"dpi": 60, "frame_width": 240}
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
-    return write_result(tmp_path_factory.mktemp("plotting") / "result.nc")
+    return write_result(tmp_path_factory.mktemp("plotting") / "result.nc", physics="mdhu")
 
 
 @pytest.fixture(scope="module")
 def triangles(tmp_path_factory):
-    return write_result(tmp_path_factory.mktemp("plotting") / "triangles.nc", triangles=True)
+    return write_result(tmp_path_factory.mktemp("plotting") / "triangles.nc", physics="mdhu", triangles=True)
 
 
 def picture(path, kind, **style):
@@ -89,6 +89,16 @@ def test_history_draws_what_there_is(tmp_path, physics):
     with Image.open(tmp_path / "history.png") as image:
         rows = {"mdh": 3, "md": 3, "m": 2, "h": 1}[physics]
         assert image.height == pytest.approx((42 * rows + 8) / 25.4 * 300, abs=2)
+
+
+def test_state_variables_are_drawn_by_name_on_one_scale(path, tmp_path):
+    first, rest = picture(path, "state"), picture(path, "state", state="rest")
+    assert first.limits == (0.0, 1e-2) and first.label == "age" and first.remark(6) == "up to 0.01"
+    assert rest.limits == (0.0, 1.0) and not rest.field.any()
+    with pytest.raises(PdheError, match="figure style: 'state' is 'old', not one of age, rest"):
+        picture(path, "state", state="old")
+    with pytest.raises(PdheError, match=r"holds no state, because its scene has no `material\.umat\.states`"):
+        draw("state", write_result(tmp_path / "none.nc"), FAST, tmp_path / "none.png")
 
 
 def test_absent_physics_is_explained(tmp_path):

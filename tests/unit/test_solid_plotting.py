@@ -37,7 +37,7 @@ def write_solid_result(folder, cells: str):
         opening = 1e-5 * np.where(x < tip, np.sign(y - 2e-3), (y - 2e-3) / 2e-3)
         recorder.snapshot(
             time, displacement=np.column_stack([0 * x, opening, -0.1 * opening]), coverage=x / 6e-3 * (k + 1) / 3,
-            damage=np.where((np.abs(y - 2e-3) < 1e-3) & (x < tip), 0.4, 0.0),
+            damage=np.where((np.abs(y - 2e-3) < 1e-3) & (x < tip), 0.4, 0.0), state_age=1e-2 * x / 6e-3,
         )  # fmt: skip
         recorder.row(history_time=time, crack_extension=tip - 2e-3)
     plate = dict(zip(("width", "height", "thickness"), SIZE, strict=True))

@@ -15,7 +15,7 @@ def solved(pristine, tmp_path_factory):
     project = pristine.copy(tmp_path_factory.mktemp("solved") / "project")
     (project.folder / "pdhe" / "cli.py").write_text(STUB)
     assert project.plan("--configfile", STUDY) == {
-        "mesh": 1, "nodes": 1, "scene_material": 2, "solve": 3, "history": 3, "picture": 4, "index": 1, "report": 1,
+        "mesh": 1, "nodes": 1, "scene_material": 2, "solve": 3, "history": 3, "picture": 7, "index": 1, "report": 1,
     }  # fmt: skip
     done = project.snakemake("solutions", "--configfile", STUDY)
     assert done.returncode == 0, done.stdout + done.stderr

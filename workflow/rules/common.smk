@@ -15,6 +15,7 @@ from pdhe.extremes.registry import EXTREMES
 from pdhe.needs import Needs, fails_again, needs_of
 from pdhe.provenance import canonical, digest, fingerprint
 from pdhe.scene_umat import SOURCES as UMAT_SOURCES
+from pdhe.study import PICTURES as PICTURE_KINDS
 from pdhe.study import load_aside, load_studies
 from pdhe.tradeoff.design import load_trades
 from pdhe.verification.studies import load_checks
@@ -137,7 +138,7 @@ wildcard_constraints:
     topic="|".join(map(re.escape, CHECKS)),
     study="|".join(map(re.escape, ALL)),
     case="[^/]+",
-    kind="damage|displacement|coverage",
+    kind="|".join(PICTURE_KINDS),
     mesh_id="[^/]+",
     solve_id="[^/]+",
 
