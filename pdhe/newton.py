@@ -10,7 +10,7 @@ import numpy as np
 from pdhe.errors import SimulationError
 from pdhe.kernels.vectors import dot
 from pdhe.materials.finite_strain import FiniteStrain, Pose
-from pdhe.solvers import LEAST_REFERENCE, REACHABLE, Preconditioner, Work
+from pdhe.solvers import LEAST_REFERENCE, Preconditioner, Work
 
 #: Residual of a linear solve over the one it started from: less makes no Newton step shorter that is not the last.
 LINEAR = 1e-3
@@ -23,6 +23,10 @@ SLOW = 40
 MOST_STEPS = 30
 #: Times that a Newton step, and that an increment of what is prescribed, is halved before it is taken for a failure.
 HALVINGS, CUTS = 10, 6
+#: Residual over the forces of a first guess that round-off lets a solve reach in any case (measured 1e-11 where a body
+#: moves as a whole: residuals are those of forces, not carried on from iteration to iteration), and below which only
+#: round-off can be in the way.
+REACHABLE, TINY = 5e-11, 1e-9
 #: Share of what a step promises that the energy has to fall by, and round-off of an energy over its size.
 PROMISE, ROUND_OFF = 1e-4, 1e-14
 
@@ -60,6 +64,7 @@ class NewtonEquilibrium:
         #: Relative residuals of the last increment, one a Newton step.
         self.residuals: list[float] = []
         self._precondition: Preconditioner | None = None
+        self._guess = 0.0
 
     def memory(self) -> dict[str, Any]:
         """What later solves depend on; the work counted so far is apart."""
@@ -128,8 +133,9 @@ class NewtonEquilibrium:
             force = pose.force()
         else:
             guess = force
+        self._guess = self._norm(guess * self.fixed)
         least = max(LEAST_REFERENCE, REACHABLE / self.tolerance)
-        self.reference = max(self.reference, min(least, 1.0) * self._norm(guess * self.fixed))
+        self.reference = max(self.reference, min(least, 1.0) * self._guess)
         self.residuals = []
         for _ in range(MOST_STEPS):
             residual = force * self.free
@@ -197,10 +203,14 @@ class NewtonEquilibrium:
 
     def _fail(self, residual: np.ndarray, why: str):
         worst = int(np.nanargmax(np.abs(residual).max(axis=1))) if np.isfinite(residual).any() else 0
+        hint = (
+            "take shorter load steps, or look for compression that no stress linear in the Green-Lagrange strain bears"
+        )
+        if self._norm(residual) <= TINY * self._guess:
+            hint = "round-off allows no less: raise solver.tolerance"
         raise SimulationError(
             f"equilibrium not reached: {why}; relative residuals "
             f"{', '.join(f'{value:.2g}' for value in self.residuals[-3:]) or 'none'} in the last Newton steps (wanted "
-            f"{self.tolerance:g}), largest at node {worst}, x = {self.body.coordinates[worst].tolist()} m; take "
-            "shorter load steps, or look for compression that a stress linear in the Green-Lagrange strain cannot bear",
+            f"{self.tolerance:g}), largest at node {worst}, x = {self.body.coordinates[worst].tolist()} m; {hint}",
             worst,
         )

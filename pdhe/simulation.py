@@ -312,6 +312,8 @@ def start(case: Case) -> State:
             u, force = case.equilibrium.solve(u, case.conditions.values(0.0))
         # A load that is on from the start counts as applied slowly before it: the work of a proportional ramp.
         moves.move_to(case, state, moves.Motion(0.0, 0.0, u, u, force, force), 0.0)
+        if case.history is None and not case.linear:  # slowly, but not in proportion
+            state.external_work = case.copies * case.equilibrium.elastic(u, force)
     if case.dynamics is not None:
         case.dynamics.sweep(0.0)
         state.displacement, state.velocity, state.force = case.dynamics.u, case.dynamics.v, case.dynamics.force

@@ -148,6 +148,7 @@ def use_model(draw, raw):
     if mechanics["model"] == "correspondence":
         mechanics["zero_energy"] = draw(st.sampled_from(["wan", "silling"]))
         mechanics["zero_energy_strength"] = draw(st.sampled_from([0.01, 1.0, 1.0, 100.0]))
+        mechanics["strain"] = draw(st.sampled_from(["small", "finite"]))
     if mechanics["weights"] == "energy" and mechanics["model"] not in BOND_MODELS and draw(st.integers(0, 5)):
         mechanics["weights"] = "moment matched"
 
