@@ -41,6 +41,7 @@ from pdhe.scene_checks import check_scene, reserved_names
 from pdhe.scene_fields import Block, choice
 from pdhe.scene_history import PiecewiseLinear
 from pdhe.scene_reading import material_mapping, override, read_scene_file, reporting
+from pdhe.scene_tables import read_tables
 from pdhe.scene_umat import find_files
 from pdhe.units import round15
 
@@ -201,6 +202,7 @@ def load_scene(
             raw["material"] = material_mapping(file, raw["material"], materials_dir, Material)
     fill_in(raw, file)
     find_files(raw, file)
+    read_tables(raw, file)
     with reporting(file, raw, tuple(overrides or ())):
         return Scene.model_validate(raw)
 

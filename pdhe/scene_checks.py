@@ -12,6 +12,7 @@ from pdhe import scene_solid as solid
 from pdhe.scene_fields import problem
 from pdhe.scene_mirrors import Segment, check_symmetry, edge_segments, mirror_levels, mirrors_through
 from pdhe.scene_places import Formula
+from pdhe.scene_tables import MOST_POINTS, Table
 from pdhe.scene_umat import check_umat
 
 if TYPE_CHECKING:
@@ -305,7 +306,8 @@ def _check_physics(scene: "Scene") -> None:
 
 
 def _check_formulas(scene: "Scene") -> None:
-    """Refuse formulas of z in the plane."""
+    """Refuse formulas and tables of z in the plane, and tables that are too large together."""
+    count = 0
     regions = {"mechanics.axes": scene.mechanics.axes, "mechanics.regions": scene.mechanics.regions}
     regions["damage.regions"] = scene.damage.regions if scene.damage else None
     regions["hydrogen.regions"] = scene.hydrogen.regions if scene.hydrogen else None
@@ -313,9 +315,13 @@ def _check_formulas(scene: "Scene") -> None:
         for k, item in enumerate(items or ()):
             for key in type(item).model_fields:
                 value = getattr(item, key)
-                if isinstance(value, Formula) and "z" in value.coordinates and not scene.mesh.solid:
-                    text = "asks for z in the plane"
-                    raise problem(text, "a plate has x and y", f"{where}.{k}.{key}.expression")
+                if isinstance(value, Formula | Table) and "z" in value.coordinates and not scene.mesh.solid:
+                    text, part = "asks for z in the plane", ".expression" if isinstance(value, Formula) else ""
+                    raise problem(text, "a plate has x and y", f"{where}.{k}.{key}{part}")
+                count += len(value.points) if isinstance(value, Table) else 0
+                if count > MOST_POINTS:
+                    text = f"makes more than {MOST_POINTS} points of all tables together"
+                    raise problem(text, "give fewer", f"{where}.{k}.{key}")
 
 
 def _check_split(scene: "Scene") -> None:

@@ -1,4 +1,4 @@
-"""Values of a scene that depend on the place: written as a number or quantity, or as a formula of x, y and z."""
+"""Values of a scene that depend on the place: written as a number, a formula of x, y and z, or a table."""
 
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -7,6 +7,7 @@ from pydantic import ValidationInfo
 from pdhe import formulas, units
 from pdhe import scene_fields as fields
 from pdhe.scene_fields import Block, Reading, problem
+from pdhe.scene_tables import Table, table_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -29,22 +30,25 @@ class Formula(Block):
         return formulas.coordinates_of(self.expression)
 
 
-def at(value: float | Formula, place: "np.ndarray") -> "np.ndarray | float":
+def at(value: float | Formula | Table, place: "np.ndarray") -> "np.ndarray | float":
     """Value of a key of a scene at points (k, 2) or (k, 3), m, if it depends on them at all; SI."""
-    return value.at(place) if isinstance(value, Formula) else value
+    return value.at(place) if isinstance(value, Formula | Table) else value
 
 
 def _by_place(plain: Any, *kinds: str) -> Reading:
-    """Make the reading of what ``plain`` reads, or of a formula of one of ``kinds``."""
+    """Make the reading of what ``plain`` reads, or of a formula or a table of one of ``kinds``."""
     reading: Reading = plain.__metadata__[0]
     unit = f", unit: {units.KINDS[kinds[0]].unit}" if kinds else ""
     example = f"for example `{{expression: 1 + 5*x{unit}}}`"
 
     def read(value: Any, info: ValidationInfo) -> Any:
-        if isinstance(value, Formula):
+        if isinstance(value, Formula | Table):
             return value
         if not isinstance(value, dict):
             return reading.read(value, info)
+        if "points" in value or "values" in value:
+            _check_unit(value.get("unit"), kinds, example)
+            return table_of(value)
         for key in value:
             if key not in ("expression", "unit"):
                 raise problem("is not a known key", f"a formula has `expression` and `unit`, {example}", str(key)[:60])
@@ -60,7 +64,11 @@ def _by_place(plain: Any, *kinds: str) -> Reading:
     keys = {"expression": {"type": "string"}} | ({"unit": {"type": "string"}} if kinds else {})
     formula = {"type": "object", "properties": keys, "required": list(keys), "additionalProperties": False}
     formula["description"] = f"a formula of x, y and z in metres, {example}"
-    return Reading(read, {"anyOf": [reading.schema, formula]})
+    table = {"type": "object", "properties": keys | {"table": {"type": "string"}}, "additionalProperties": False}
+    del table["properties"]["expression"]
+    table["required"] = list(table["properties"])
+    table["description"] = "a CSV file with the columns x, y, in space z, all in metres, and value"
+    return Reading(read, {"anyOf": [reading.schema, formula, table]})
 
 
 def _check_unit(unit: Any, kinds: tuple[str, ...], example: str) -> None:
@@ -78,8 +86,8 @@ def _check_unit(unit: Any, kinds: tuple[str, ...], example: str) -> None:
         raise problem(error.problem, error.hint, "unit") from None
 
 
-Angle = Annotated[float | Formula, _by_place(fields.Angle, "angle")]
-Stiffness = Annotated[float | Formula, _by_place(fields.Stiffness, "stiffness")]
-EnergyReleaseRate = Annotated[float | Formula, _by_place(fields.EnergyReleaseRate, "energy release rate")]
-Diffusivity = Annotated[float | Formula, _by_place(fields.Diffusivity, "diffusivity")]
-Factor = Annotated[float | Formula, _by_place(fields.Factor)]
+Angle = Annotated[float | Formula | Table, _by_place(fields.Angle, "angle")]
+Stiffness = Annotated[float | Formula | Table, _by_place(fields.Stiffness, "stiffness")]
+EnergyReleaseRate = Annotated[float | Formula | Table, _by_place(fields.EnergyReleaseRate, "energy release rate")]
+Diffusivity = Annotated[float | Formula | Table, _by_place(fields.Diffusivity, "diffusivity")]
+Factor = Annotated[float | Formula | Table, _by_place(fields.Factor)]

@@ -180,6 +180,37 @@ damage:
   split: {dilatational: {factor: 1}, deviatoric: {critical_energy_release_rate: 20 kJ/m^2}}
 time: {end: 1 s}
 ---
+title: Tables
+geometry: {plate: {width: 80 mm, height: 40 mm, thickness: 4 mm}}
+mesh: {spacing: 4 mm}
+material: AISI 4340
+mechanics:
+  regions:
+    - {on: left, factor: {table: tests/table.csv}}
+    - {on: right, youngs_modulus: {table: tests/table.csv, unit: GPa}}
+loads: [{on: top, displacement: {y: 0.01 mm}}, {on: bottom, displacement: {y: 0 mm}}]
+damage:
+  regions:
+    - {on: left, factor: {table: tests/table.csv}}
+    - {on: right, critical_energy_release_rate: {table: tests/table.csv, unit: kJ/m^2}}
+hydrogen:
+  boundary: [{on: left, coverage: 1}]
+  regions:
+    - {on: left, factor: {table: tests/table.csv}}
+    - {on: right, diffusivity: {table: tests/table.csv, unit: mm^2/h}}
+time: {end: 1 s}
+---
+title: Table of angles
+geometry: {plate: {width: 80 mm, height: 40 mm, thickness: 4 mm}}
+mesh: {spacing: 4 mm}
+material:
+  youngs_modulus: 140 GPa
+  poissons_ratio: 0.3
+  orthotropic: {youngs_modulus_2: 10 GPa, shear_modulus_12: 5 GPa}
+mechanics: {model: correspondence, axes: [{angle: {table: tests/table.csv, unit: deg}}]}
+loads: [{on: top, displacement: {y: 0.01 mm}}, {on: bottom, displacement: {y: 0 mm}}]
+time: {end: 1 s}
+---
 title: Blow on a body
 geometry: {plate: {width: 20 mm, height: 12 mm, thickness: 8 mm}}
 mesh: {spacing: 2 mm, cells: hexahedron}
