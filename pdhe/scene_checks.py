@@ -333,6 +333,8 @@ def _check_split(scene: "Scene") -> None:
     if scene.material.orthotropic is not None:
         text = "is for isotropic materials: a dilatation of others has shear stresses"
         raise problem(text, "leave `split` or `material.orthotropic` out", "damage.split")
+    if scene.mechanics.strain != "small":
+        raise problem("is known for small strains alone", "leave `split` out, or use `strain: small`", "damage.split")
     if scene.damage.criterion == "stretch":
         text = "splits energies, and bonds break by their stretch"
         raise problem(text, "use `criterion: energy`, or leave `split` out", "damage.split")

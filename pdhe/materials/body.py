@@ -15,6 +15,7 @@ from typing import ClassVar
 import numpy as np
 
 from pdhe.bonds import Bonds
+from pdhe.errors import PdheError
 from pdhe.kernels import mechanics, mechanics3d
 from pdhe.kernels.jit import as_float
 from pdhe.materials.constants import micromodulus
@@ -386,6 +387,8 @@ def load_of(parts: np.ndarray, measure: Measure, load: BondLoad) -> np.ndarray:
         size = np.abs(stretch)
     elif load.split is None:
         size = np.sqrt(np.maximum(measure.square(parts), 0.0))
+    elif measure.split is None:
+        raise PdheError("the energies of these bonds are not known in two parts")
     else:
         dilatational, deviatoric = measure.split(parts)
         size = np.sqrt(np.maximum(load.split[0] * dilatational + load.split[1] * deviatoric, 0.0))

@@ -5,7 +5,7 @@ import pytest
 
 from pdhe.benchmarks.problems import mode_i
 from pdhe.damage import nearest_failure
-from pdhe.errors import SceneError
+from pdhe.errors import PdheError, SceneError
 from pdhe.materials import BY_ENERGY, Body, BondLoad, StateBased
 from pdhe.materials.constants import bulk_modulus
 from pdhe.plan import make_plan
@@ -185,9 +185,18 @@ def test_a_crack_runs_earlier_the_less_either_part_takes():
           "material.orthotropic": {"youngs_modulus_2": "100 GPa", "shear_modulus_12": "50 GPa"},
           "material.critical_energy_release_rate": "10 kJ/m^2", "material.fracture_toughness": None},
          "damage.split", "isotropic materials"),
+        ({"damage.split": {"deviatoric": {"factor": 1.0}}, "stepping": {"mode": "fixed", "load_steps": 4,
+          "diffusion_substeps": 1}, "mechanics": {"model": "correspondence", "strain": "finite"}, "hydrogen": None},
+         "damage.split", "small strains alone"),
     ],
 )  # fmt: skip
 def test_splits_that_mean_nothing_are_refused(changes, key, text):
     with pytest.raises(SceneError, match=text) as error:
         mode_i(800, MODEL | {"damage.criterion": "energy"} | changes)
     assert error.value.key == key
+
+
+def test_bonds_that_know_no_parts_say_so():
+    x, body = make_body(6, 6)
+    with pytest.raises(PdheError, match="not known in two parts"):
+        Body.bond_loads(body, x, BondLoad(True, split=(1.0, 2.0)))
