@@ -47,7 +47,7 @@ COMPILERS: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = {
 #: What user materials find in Abaqus.
 _HEADER = "      implicit real*8 (a-h, o-z)\n      parameter (nprecd=2)\n"
 _SHIM = "#include <stdlib.h>\n__attribute__((weak)) void xit_(void) { exit(42); }\n"
-#: Strain of the second trial call, and the seconds after which one is given up.
+#: Strain of trial calls but the first, and the seconds after which they are given up.
 TRIAL_STRAIN, TRIAL_TIME = 1e-8, 60
 
 
@@ -343,7 +343,7 @@ class UserPoints:
         self.target, self._trial = self.field, None
 
     def _probe(self) -> None:
-        """Call it once in a process of its own, which may crash or be ended by the routine."""
+        """Strain a point in every way in a process of its own, which may crash or be ended by the routine."""
         threads = numba.get_num_threads()
         numba.set_num_threads(1)
         # Compiled (or read from disk) here, not over there.
@@ -361,9 +361,8 @@ class UserPoints:
                     for stream in (1, 2):
                         os.dup2(said.fileno(), stream)
                     faulthandler.disable()
-                    for strain in (0.0, TRIAL_STRAIN):
-                        after = np.zeros((1, self.gradient.shape[1]))
-                        after[0, 0] = strain
+                    every = TRIAL_STRAIN * np.eye(self.gradient.shape[1])
+                    for after in (np.zeros((1, len(every))), *every[:, None]):
                         with contextlib.suppress(SimulationError):
                             self._call(1, after, 1.0)
                     os.write(tell, b".")
