@@ -5,6 +5,7 @@ import contextlib
 import errno
 import functools
 import os
+import shlex
 import signal
 import sys
 import threading
@@ -12,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from pdhe.commands.files import diagnose, gc, index, schema, validate, verify
+from pdhe.commands.files import diagnose, gc, index, schema, stamp, validate, verify
 from pdhe.commands.pictures import animate, figures, history
 from pdhe.commands.reports import (
     benchmark,
@@ -64,6 +65,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         an interruption.
     """
     arguments = _parser().parse_args(argv)
+    arguments.command = shlex.join(["pdhe", *map(str, sys.argv[1:] if argv is None else argv)])
     try:
         with _terminable():
             arguments.run(arguments)
@@ -169,6 +171,11 @@ def _parser() -> argparse.ArgumentParser:
     add(diagnose, option("files", nargs="+", type=Path, metavar="RESULT", help="result of a solve"))
     place = option("results", nargs="?", type=Path, default=Path("results"), metavar="RESULTS", help="results folder")
     add(verify, place)
+    add(
+        stamp,
+        option("files", nargs="+", type=Path, metavar="FILE", help="table (.csv) or page (.html)"),
+        option("--made-by", metavar="COMMAND", help="command that made it"),
+    )
     add(
         gc,
         place,

@@ -84,6 +84,14 @@ def history_table(result_path: str | Path) -> str:
     return text.getvalue()
 
 
+def source_of(result_path: str | Path) -> dict[str, str]:
+    """Return the title, the scene and the digest of a result, and what made it, for a table made from it."""
+    with open_result(result_path) as result:
+        names = {"title": "title", "scene": "scene", "scene_hash": "scene_hash", "solution_sha256": "content_sha256"}
+        names |= {f"solution_{name}": name for name in ("code_fingerprint", "versions", "machine", "command")}
+        return {key: str(result.attrs[name]) for key, name in names.items() if name in result.attrs}
+
+
 def origin(result: xr.Dataset, ending: str) -> dict[str, str]:
     """Return what made a picture of a result, for its metadata.
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
 import shutil
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+
+import netCDF4
 
 from pdhe.errors import PdheError
 from pdhe.netcdf import read_netcdf
 from pdhe.provenance import digest, fingerprint, versions
 from pdhe.results import CHECKPOINT, INCOMPLETE
+from pdhe.stamps import ENDINGS, problems
 from pdhe.study import RESERVED, Case, load_study
 from pdhe.wholefile import PART, intact
 from pdhe.yamlfile import read_yaml
@@ -73,6 +77,33 @@ def check(path: Path) -> Iterator[str]:
         yield f"made with other versions ({'; '.join(changed)})"
     if not arrays["time"].size or attributes.get("status", "").startswith("incomplete"):
         yield "is incomplete"
+
+
+def solutions_of(files: Iterable[Path]) -> dict[str, Path]:
+    """Return the solutions among files of the store, by the digests of their content."""
+    found = {}
+    for path in files:
+        if path.parent.name == "solve":
+            with contextlib.suppress(OSError, RuntimeError, AttributeError), netCDF4.Dataset(path) as file:
+                found[str(file.getncattr("content_sha256"))] = path
+    return found
+
+
+def reported(results: Path, solutions: Mapping[str, Path]) -> Iterator[tuple[Path, list[str]]]:
+    """Yield every table and page below a folder of results that says what made it, with what is wrong with it.
+
+    Parameters
+    ----------
+    solutions
+        What :func:`solutions_of` finds.
+    """
+    for path in sorted(path for ending in ENDINGS for path in results.rglob(f"*{ending}")):
+        try:
+            found = problems(path, solutions)
+        except (OSError, UnicodeDecodeError):
+            continue
+        if found is not None:
+            yield path, found
 
 
 def configured_studies(folder: Path = Path("config")) -> list[Path]:

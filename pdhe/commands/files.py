@@ -61,6 +61,7 @@ def schema(arguments: argparse.Namespace) -> None:
 
 def index(arguments: argparse.Namespace) -> None:
     """Write the table of the cases of a study, with how each ended where the solutions are given."""
+    from pdhe.provenance import digest
     from pdhe.study import load_study
 
     study = load_study(arguments.study)
@@ -72,7 +73,19 @@ def index(arguments: argparse.Namespace) -> None:
         for solve_id in {case.solve_id for case in study.cases}:
             with open_result(arguments.solutions / f"{solve_id}.nc") as result:
                 outcomes[solve_id] = {key: value for key, value in summary(result).items() if key != "title"}
-    write(arguments.out, study.table(outcomes))
+    from pdhe.stamps import made_by
+
+    source = {"study": str(arguments.study), "study_hash": digest(study.table())}
+    write(arguments.out, study.table(outcomes), made_by("pdhe.post", arguments.command, **source))
+
+
+def stamp(arguments: argparse.Namespace) -> None:
+    """Write into tables and pages of another program what made them."""
+    from pdhe.stamps import made_by
+    from pdhe.stamps import stamp as write_into
+
+    for path in arguments.files:
+        write_into(path, made_by("pdhe.study", arguments.made_by or arguments.command))
 
 
 def diagnose(arguments: argparse.Namespace) -> None:
@@ -85,12 +98,14 @@ def diagnose(arguments: argparse.Namespace) -> None:
 
 def verify(arguments: argparse.Namespace) -> None:
     """Tell which results no longer match their hashes, their names, or the code and versions that made them."""
-    from pdhe.store import check, stored
+    from pdhe.store import check, reported, solutions_of, stored
 
     files = stored(arguments.results)
+    known = solutions_of(files)
     problems = 0
-    for path in files:
-        for problem in check(path):
+    for path, found in [*((path, check(path)) for path in files), *reported(arguments.results, known)]:
+        files += [path] if path not in files else []
+        for problem in found:
             print(f"{path}: {problem}")
             problems += 1
     if problems:

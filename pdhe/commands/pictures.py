@@ -30,9 +30,11 @@ def history(arguments: argparse.Namespace) -> None:
     if not (arguments.out_csv or arguments.out_png):
         raise PdheError("nothing to write: give --out-csv, --out-png or both")
     if arguments.out_csv:
-        from pdhe.post import history_table
+        from pdhe.post import history_table, source_of
+        from pdhe.stamps import made_by
 
-        write(arguments.out_csv, history_table(arguments.result))
+        made = made_by("pdhe.post", arguments.command, **source_of(arguments.result))
+        write(arguments.out_csv, history_table(arguments.result), made)
     if arguments.out_png:
         from pdhe.plotting import draw_history
 

@@ -3,17 +3,33 @@
 import argparse
 import json
 import sys
+from pathlib import Path
 
 from pdhe.commands.streams import progress, read_object, ready, write
 from pdhe.errors import PdheError
 
 
+def _stamp_tables(folder: Path, module: str, command: str) -> None:
+    """Write into the tables of a folder what made them."""
+    from pdhe.stamps import made_by, stamp
+
+    for path in sorted(folder.glob("*.csv")):
+        stamp(path, made_by(module, command))
+
+
+def _made_by(module: str, command: str) -> dict[str, str]:
+    from pdhe.stamps import made_by
+
+    return made_by(module, command)
+
+
 def check(arguments: argparse.Namespace) -> None:
     """Run one topic of the verification and write its table, figure and verdict."""
-    from pdhe.verification.topics import run_topic
+    from pdhe.verification.topics import TOPICS, run_topic
 
     report = run_topic(arguments.topic, read_object(arguments.settings, "--settings"))
     report.write(arguments.out)
+    _stamp_tables(arguments.out, TOPICS[arguments.topic], arguments.command)
     print(f"{report.title}: {sum(row.passed for row in report.rows)} of {len(report.rows)} rows hold", file=sys.stderr)
 
 
@@ -23,7 +39,7 @@ def page(arguments: argparse.Namespace) -> None:
     from pdhe.wholefile import copy
 
     reports = read_reports(arguments.folders)
-    write(arguments.out, as_html(reports))
+    write(arguments.out, as_html(reports), _made_by("pdhe.verification.page", arguments.command))
     if arguments.docs:
         figures_folder = arguments.docs / "verification"
         figures_folder.mkdir(parents=True, exist_ok=True)
@@ -45,9 +61,10 @@ def verdict(arguments: argparse.Namespace) -> None:
 
 def benchmark(arguments: argparse.Namespace) -> None:
     """Run one benchmark and write its table, figure, samples and machine."""
-    from pdhe.benchmarks.registry import write_benchmark
+    from pdhe.benchmarks.registry import BENCHMARKS, write_benchmark
 
     report = write_benchmark(arguments.name, read_object(arguments.settings, "--settings"), arguments.out)
+    _stamp_tables(arguments.out, BENCHMARKS[arguments.name], arguments.command)
     judged = [row for row in report.rows if row.kind != "shown"]
     print(f"{report.title}: {sum(row.passed for row in judged)} of {len(judged)} counts hold", file=sys.stderr)
 
@@ -58,7 +75,7 @@ def benchmark_page(arguments: argparse.Namespace) -> None:
 
     content = gather(arguments.folders)
     write(arguments.json, json.dumps(content, indent=1) + "\n")
-    write(arguments.out, as_html(content, arguments.folders))
+    write(arguments.out, as_html(content, arguments.folders), _made_by("pdhe.benchmarks.page", arguments.command))
     if arguments.markdown:
         write(arguments.markdown, as_markdown(content))
 
@@ -81,6 +98,7 @@ def trade(arguments: argparse.Namespace) -> None:
     if arguments.scene not in trades:
         raise PdheError(f"{arguments.design}: no scene '{arguments.scene}'; there are {', '.join(trades)}")
     measure(trades[arguments.scene], progress).write(arguments.out)
+    _stamp_tables(arguments.out, "pdhe.tradeoff.measure", arguments.command)
 
 
 def tradeoff_page(arguments: argparse.Namespace) -> None:
@@ -89,8 +107,9 @@ def tradeoff_page(arguments: argparse.Namespace) -> None:
 
     scenes = gather(arguments.folders)
     draw(scenes, ready(arguments.picture))
-    write(arguments.csv, as_csv(scenes))
-    write(arguments.out, as_html(scenes, arguments.picture))
+    made = _made_by("pdhe.tradeoff.page", arguments.command)
+    write(arguments.csv, as_csv(scenes), made)
+    write(arguments.out, as_html(scenes, arguments.picture), made)
     if arguments.markdown:
         write(arguments.markdown, as_markdown(scenes))
     if arguments.models:
@@ -100,21 +119,26 @@ def tradeoff_page(arguments: argparse.Namespace) -> None:
 def extremes(arguments: argparse.Namespace) -> None:
     """Run one group of extreme cases and write its table and verdict."""
     from pdhe.extremes.outcome import run_group
+    from pdhe.extremes.registry import EXTREMES
 
     report = run_group(arguments.group)
     report.write(arguments.out)
+    _stamp_tables(arguments.out, EXTREMES[arguments.group], arguments.command)
     print(f"{report.title}: {report.text}", file=sys.stderr)
 
 
 def extremes_page(arguments: argparse.Namespace) -> None:
     """Gather groups of extreme cases as a map, a table and a page."""
     from pdhe.extremes.page import as_html, as_markdown, gather, write_map, write_table
+    from pdhe.stamps import stamp
     from pdhe.wholefile import copy
 
     reports = gather(arguments.folders)
     write_map(reports, ready(arguments.map))
     write_table(reports, ready(arguments.table))
-    write(arguments.out, as_html(reports, arguments.map))
+    made = _made_by("pdhe.extremes.page", arguments.command)
+    stamp(arguments.table, made)
+    write(arguments.out, as_html(reports, arguments.map), made)
     if arguments.docs:
         write(arguments.docs / "extremes.md", as_markdown(reports, "images/extremes.png"))
         copy(arguments.map, ready(arguments.docs / "images" / "extremes.png"))

@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 from pdhe.errors import PdheError
@@ -27,13 +28,17 @@ def ready(path: Path) -> Path:
     return path
 
 
-def write(path: Path | None, text: str) -> None:
-    """Write a text to a file, or to standard output when there is none."""
+def write(path: Path | None, text: str, made: Mapping[str, str] | None = None) -> None:
+    """Write a text to a file, with what made it if that is given, or to standard output when there is none."""
     if path is None:
         sys.stdout.write(text)
     else:
         from pdhe.wholefile import write_text
 
+        if made:
+            from pdhe.stamps import ENDINGS, stamped
+
+            text = stamped(text, path.suffix, made) if path.suffix in ENDINGS else text
         write_text(ready(path), text)
 
 

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pdhe.stamps import table_of
 from pdhe.verification.page import STYLE, cells, read_reports
 from pdhe.wholefile import moved_when_whole
 
@@ -34,8 +35,7 @@ def gather(folders: Sequence[str | Path]) -> list[dict[str, Any]]:
     """Reports of groups, each with its ``outcomes``: one dictionary a case, as written by ``Report.write``."""
     reports = read_reports(folders)
     for report, folder in zip(reports, folders, strict=True):
-        with Path(folder, "outcomes.csv").open(encoding="utf-8", newline="") as file:
-            outcomes = list(csv.DictReader(file))
+        outcomes = table_of(Path(folder, "outcomes.csv"))
         rows = iter(report["rows"])
         report["outcomes"] = [{**o, "rows": [next(rows) for _ in range(int(o["rows"]))]} for o in outcomes]
     return reports

@@ -16,6 +16,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from pdhe.errors import PdheError
+from pdhe.stamps import table_of
 from pdhe.tradeoff.front import front_of
 from pdhe.verification.drawing import COLOURS, label, panels
 from pdhe.verification.page import STYLE
@@ -46,8 +47,7 @@ def gather(folders: Sequence[str | Path]) -> dict[str, dict[str, Any]]:
 
 
 def _table(path: Path) -> list[dict[str, Any]]:
-    with path.open(newline="", encoding="utf-8") as file:
-        return [{key: _number(value) for key, value in row.items()} for row in csv.DictReader(file)]
+    return [{key: _number(value) for key, value in row.items()} for row in table_of(path)]
 
 
 def _number(text: str) -> Any:

@@ -1,6 +1,5 @@
 """Speed against accuracy: limits, fronts, the design, and a small one measured from end to end."""
 
-import csv
 import json
 import math
 from pathlib import Path
@@ -12,6 +11,7 @@ import yaml
 from pdhe import cli
 from pdhe.errors import PdheError, SceneError
 from pdhe.scene_blocks import FIDELITIES
+from pdhe.stamps import table_of
 from pdhe.tradeoff import front, page, quantities
 from pdhe.tradeoff.design import load_design, load_trades
 from pdhe.verification.slabs import DIFFUSIVITY, LENGTH, slab_mean
@@ -149,8 +149,7 @@ def test_a_small_design_is_measured_and_gathered(small, tmp_path):
     assert "equilibrium not reached" in refused[0]["problem"] and "explicit limit" in refused[1]["problem"]
     assert all(np.isfinite(row["seconds"]) and row["peak memory [B]"] >= 0 for row in pull + slab if not row["problem"])
     # The limit of the diffusion runs is the series solution. Measured: 1.1e-5 apart, uncertainty 1.9e-5.
-    with Path(folders[1], "limits.csv").open() as file:
-        last = [row for row in csv.DictReader(file) if row["quantity"] == "mean_coverage"][-1]
+    last = [row for row in table_of(Path(folders[1], "limits.csv")) if row["quantity"] == "mean_coverage"][-1]
     assert float(last["value"]) == pytest.approx(slab_mean(DIFFUSIVITY * 2e7 / LENGTH**2), abs=1e-4)
     assert page.uncertainty_of(scenes["slab"]) < 1e-4
 
@@ -158,7 +157,7 @@ def test_a_small_design_is_measured_and_gathered(small, tmp_path):
     arguments = ["tradeoff-page", *folders, "--picture", str(out["png"]), "--csv", str(out["csv"])]
     assert cli.main([*arguments, "--out", str(out["html"]), "--markdown", str(out["md"])]) == 0
     assert out["png"].stat().st_size > 10_000
-    rows = list(csv.DictReader(out["csv"].open()))
+    rows = table_of(Path(out["csv"]))
     assert len(rows) == len(pull) + len(slab) and {row["scene"] for row in rows} == {"pull", "slab"}
     assert "## Pulled plate" in out["md"].read_text() and "refused" in out["md"].read_text()
     assert "Pulled plate" in out["html"].read_text()

@@ -6,6 +6,9 @@ import pytest
 import xarray as xr
 from PIL import Image
 
+from pdhe import cli
+from pdhe.stamps import read, table_of
+
 
 @pytest.fixture(scope="module")
 def computed(pristine, tmp_path_factory):
@@ -48,7 +51,9 @@ def test_solutions_say_what_made_them(computed):
 
 def test_histories_are_tables(computed):
     for path in computed.folder.glob("results/smoke/*/history.csv"):
-        rows = list(csv.reader(path.read_text().splitlines()))
+        made, text = read(path.read_text(), ".csv")
+        assert made["command"].startswith("pdhe history --result") and '"geometry"' in made["scene"]
+        rows = list(csv.reader(text.splitlines()))
         assert len(rows) > 5
         assert len({len(row) for row in rows}) == 1
 
@@ -58,6 +63,14 @@ def test_report_holds_every_picture_and_loads_nothing(computed):
     assert report.count("data:image/png;") == 7
     assert report.count("data:image/gif;") == 5
     assert '<script src="http' not in report
+    assert read(report, ".html")[0]["module"] == "pdhe.study"
+
+
+def test_all_that_is_there_matches(computed, monkeypatch, capsys):
+    monkeypatch.chdir(computed.folder)
+    assert cli.main(["verify"]) == 0
+    # A mesh, its nodes, two solutions; two histories, the table of cases, the report.
+    assert capsys.readouterr().out == "8 file(s) match\n"
 
 
 def test_second_run_has_nothing_to_do(computed):
@@ -65,7 +78,7 @@ def test_second_run_has_nothing_to_do(computed):
 
 
 def test_table_of_cases_tells_how_they_ended(computed):
-    rows = list(csv.DictReader((computed.folder / "results/smoke/cases.csv").read_text().splitlines()))
+    rows = table_of(computed.folder / "results/smoke/cases.csv")
     assert [row["case"] for row in rows] == ["wet_spacing=10mm", "dry_spacing=10mm"]
     assert float(rows[0]["crack_extension"]) > 0.0
     assert float(rows[1]["crack_extension"]) == 0.0  # 0.02 mm on either side does not move a crack in dry steel

@@ -1,9 +1,10 @@
 """A study of so many small cases that they share processes: what fails is alone, and what changes is repeated alone."""
 
-import csv
 import json
 
 import pytest
+
+from pdhe.stamps import table_of
 
 CONFIG = "config/studies/many.yaml"
 TOLERANCES = [1e-6, 2e-6, 3e-6, 4e-6, 5e-6, 6e-6, 7e-6]
@@ -49,7 +50,7 @@ def test_an_edited_case_is_repeated_alone(computed):
     assert done.returncode == 0, done.stdout + done.stderr
     after = solutions(computed)
     assert before.items() < after.items() and len(after) == len(before) + 1
-    rows = list(csv.DictReader((computed.folder / "results/many/cases.csv").read_text().splitlines()))
+    rows = table_of(computed.folder / "results/many/cases.csv")
     assert [row["status"] for row in rows] == ["complete"] * (len(TOLERANCES) + 1)
     write_study(computed, stuck={"solver.tolerance": 8e-6}, more={"solver.tolerance": 9e-6})
     assert computed.plan("--configfile", CONFIG, "--", "results/many/cases.csv") == {"solve": 1, "index": 1}

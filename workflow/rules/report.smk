@@ -20,3 +20,4 @@ rule report:
         options=SAME_CONFIGURATION,
     shell:
         "python -m snakemake results {params.options:q} --nolock --report {output:q} > {log:q} 2>&1"
+        " && python -m pdhe stamp {output:q} --made-by 'snakemake --report' >> {log:q} 2>&1"
