@@ -98,6 +98,8 @@ class Picture:
         self.label = f"displacement ${symbol}$ ({unit})"
         if style.magnification is not None:
             self.magnification = style.magnification
+        elif post.scene_of(self.result).get("mechanics", {}).get("strain") == "finite":
+            self.magnification = 1.0
         elif largest.max() > 0:
             self.magnification = _round_down(_VISIBLE * np.ptp(self.vertices, axis=0).max() / largest.max())
 

@@ -61,7 +61,7 @@ class Style:
     """Displacement component: ``x``, ``y``, ``magnitude``, or ``auto`` for the largest one; ``z`` in space only."""
     magnification: float | None = None
     """Of displacements in the shape of the body. Default: a round number that makes the largest one about 4 % of the
-    body's length."""
+    body's length; 1 under large strains."""
     window: tuple[float, float, float, float] | None = None
     """Part that is shown: left, right, bottom and top, m, or quantities such as ``"40 mm"``. Default: everything."""
     frames: int = 60

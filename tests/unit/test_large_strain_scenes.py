@@ -13,9 +13,12 @@ from pdhe.diagnosis import diagnose
 from pdhe.errors import SceneError
 from pdhe.materials.finite_strain import FiniteStrainBody, FiniteStrainSolidBody
 from pdhe.plan import make_plan
+from pdhe.plotting.picture import Picture
+from pdhe.plotting.style import Style
 from pdhe.results import open_result
 from pdhe.scene import Scene, load_scene
 from pdhe.simulation import simulate, solve_case
+from pdhe.tradeoff.own_error import own_error
 from pdhe.verification.large_strains import torn
 from pdhe.verification.slabs import nodes_of
 from pdhe.verification.symmetry import pair_of
@@ -108,6 +111,9 @@ def test_outputs_and_load_steps_have_equilibria_of_their_own(tmp_path):
         errors.append(abs(work / elastic - 1.0))
         assert errors[-1] < most
     assert errors[1] < 0.35 * errors[0]
+    # Pictures show the shape as it is.
+    assert Picture(events, "displacement", Style()).magnification == 1.0
+    assert not own_error(scene, print).values
     told = diagnose(tmp_path / "events.nc")
     assert "by the length of the load steps" in told and "the forces on free nodes are" in told
 
