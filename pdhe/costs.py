@@ -13,8 +13,8 @@ COPIES = 2.7
 #: sweep inside a run, in bare ones (measured 2.8, 4 and 1.4 at 20,000 nodes).
 ITERATION, SEARCH, STEP = 2.8, 4.0, 1.4
 #: Time of a step with inertia in force sweeps: with the search for failures (measured 1.2 on lattices, 1.8 on
-#: triangles, 2.3 on mirrored halves of 10,000 nodes), with one in sweeps of its own, as of other models than
-#: two-parameter bonds and of all bodies in space (2.8 to 3.3 in turns, up to 5 within runs), and without it.
+#: triangles, 2.3 on mirrored halves of 10,000 nodes, 1.8 in space, 1.8 to 2.7 state-based), with one in sweeps of its
+#: own, as of correspondence models (2.4 to 4 in turns, up to 5 within runs), and without it.
 MOTION, MOTION_APART, MOTION_ALONE = 1.6, 4.0, 1.1
 #: Seconds to start, build a preconditioner and write results, beside the sweeps; and to build a directed bond in space,
 #: with its correction (2.2e-6 to 2.7e-6) or without one, for diffusion alone.

@@ -184,13 +184,8 @@ def needs_of(scene: Mapping[str, Any]) -> Needs:
         stable = STABLE * ratio / 3.0 * finest / sound
         if breaks and scene["mechanics"]["model"] == "correspondence":
             stable *= STIFFER[axes]
-        apart = axes == 3 or scene["mechanics"]["model"] in ("state-based", "correspondence")
-        work += (
-            force
-            * (MOVING_APART if apart else MOVING)
-            * scene["time"]["end"]
-            / (stepping.get("step") or stepping["safety"] * stable)
-        )
+        each = MOVING_APART if scene["mechanics"]["model"] == "correspondence" else MOVING
+        work += force * each * scene["time"]["end"] / (stepping.get("step") or stepping["safety"] * stable)
     elif mechanics:
         iterations = ITERATIONS * (1.0 if umat is None else NEWTON)
         large = LARGE_STRAIN if scene["mechanics"].get("strain") == "finite" else 1.0

@@ -126,6 +126,68 @@ def internal_force(offsets, neighbours, x, cubed, share, normal, tangential, u, 
 
 
 @kernel
+def force_and_ratio(
+    offsets, neighbours, x, cubed, share, normal, tangential, by_energy, above, weakness, u, theta, force, nearest
+):  # fmt: skip
+    """Write forces, and the largest squared load over resistance of each node's bonds, in one go over the bonds.
+
+    ``weakness`` is one over the square of the resistance of a node's bonds, zero where none of them may break.
+    """
+    half = 0.5 * tangential
+    shear = half / normal if by_energy else 0.0
+    for i in prange(offsets.size - 1):
+        px = x[i, 0]
+        py = x[i, 1]
+        pz = x[i, 2]
+        ux = u[i, 0]
+        uy = u[i, 1]
+        uz = u[i, 2]
+        gi = share[i]
+        tx = theta[i, 0]
+        ty = theta[i, 1]
+        tz = theta[i, 2]
+        qi = weakness[i]
+        fx = 0.0
+        fy = 0.0
+        fz = 0.0
+        top = 0.0
+        for k in range(uint64(offsets[i]), uint64(offsets[i + 1])):
+            j = uint32(neighbours[k])
+            dx = x[j, 0] - px
+            dy = x[j, 1] - py
+            dz = x[j, 2] - pz
+            ex = u[j, 0] - ux
+            ey = u[j, 1] - uy
+            ez = u[j, 2] - uz
+            square = dx * dx + dy * dy + dz * dz
+            stretch = dx * ex + dy * ey + dz * ez
+            # Relative displacements without the rotation of either end, which is across the bond.
+            ax = ex - (ty * dz - tz * dy)
+            ay = ey - (tz * dx - tx * dz)
+            az = ez - (tx * dy - ty * dx)
+            bx = ex - (theta[j, 1] * dz - theta[j, 2] * dy)
+            by = ey - (theta[j, 2] * dx - theta[j, 0] * dz)
+            bz = ez - (theta[j, 0] * dy - theta[j, 1] * dx)
+            gj = share[j]
+            along = cubed[k] * stretch * (normal - half * (gi + gj))
+            across = cubed[k] * square * half
+            fx += along * dx + across * (gi * ax + gj * bx)
+            fy += along * dy + across * (gi * ay + gj * by)
+            fz += along * dz + across * (gi * az + gj * bz)
+            qj = weakness[j]
+            sheared = gi * (ax * ax + ay * ay + az * az) + gj * (bx * bx + by * by + bz * bz)
+            load = stretch * stretch * (1.0 - shear * (gi + gj)) + shear * square * sheared
+            load *= max(qi, qj)
+            # Asked in this order the answer is nearly always no, which processors foresee.
+            if load > top * square * square and stretch > above and cubed[k] > 0.0 and min(qi, qj) > 0.0:
+                top = load / (square * square)
+        force[i, 0] = fx
+        force[i, 1] = fy
+        force[i, 2] = fz
+        nearest[i] = top
+
+
+@kernel
 def stiffness_diagonal(offsets, neighbours, x, cubed, normal, tangential, diagonal):
     """Write the diagonal of the stiffness with the rotations held, N/m, into ``diagonal`` of shape (n, 3)."""
     for i in prange(offsets.size - 1):

@@ -71,6 +71,57 @@ def internal_force(offsets, neighbours, x, cubed, spread, pressure, along, u, fo
 
 
 @kernel
+def force_and_ratio(
+    offsets, neighbours, x, cubed, spread, pressure, along, counted, counted_along, normal, by_energy, above, weakness,
+    u, force, nearest,
+):  # fmt: skip
+    """Write forces, and the largest squared load over resistance of each node's bonds, in one go over the bonds.
+
+    ``counted`` and ``counted_along`` are what ``pressure`` and ``along`` are for the energy that counts; ``weakness``
+    is one over the square of the resistance of a node's bonds, zero where none of them may break.
+    """
+    dim = x.shape[1]
+    for i in prange(offsets.size - 1):
+        pi = pressure[i]
+        ai = along * spread[i]
+        ci = counted[i]
+        bi = counted_along * spread[i]
+        qi = weakness[i]
+        fx = 0.0
+        fy = 0.0
+        fz = 0.0
+        top = 0.0
+        for k in range(uint64(offsets[i]), uint64(offsets[i + 1])):
+            j = uint32(neighbours[k])
+            dx = x[j, 0] - x[i, 0]
+            dy = x[j, 1] - x[i, 1]
+            square = dx * dx + dy * dy
+            stretch = dx * (u[j, 0] - u[i, 0]) + dy * (u[j, 1] - u[i, 1])
+            if dim == 3:
+                dz = x[j, 2] - x[i, 2]
+                square += dz * dz
+                stretch += dz * (u[j, 2] - u[i, 2])
+            f = cubed[k] * (square * (pi + pressure[j]) + stretch * (ai + along * spread[j]))
+            fx += f * dx
+            fy += f * dy
+            if dim == 3:
+                fz += f * dz
+            qj = weakness[j]
+            load = stretch * stretch
+            if by_energy:
+                load = stretch * (square * (ci + counted[j]) + stretch * (bi + counted_along * spread[j])) / normal
+            load *= max(qi, qj)
+            # Asked in this order the answer is nearly always no, which processors foresee.
+            if load > top * square * square and stretch > above and cubed[k] > 0.0 and min(qi, qj) > 0.0:
+                top = load / (square * square)
+        force[i, 0] = fx
+        force[i, 1] = fy
+        if dim == 3:
+            force[i, 2] = fz
+        nearest[i] = top
+
+
+@kernel
 def elastic_energy(offsets, neighbours, x, cubed, volume, spread, theta, volumetric, along, u, energy):
     """Write the elastic energy of each node, J (theory, eq. 2.11)."""
     dim = x.shape[1]

@@ -123,15 +123,32 @@ class StateBasedBody(Body):
 
         return Measure(normal * self.bonds.weight[bond] * self.bonds.length[bond], square, split)
 
+    def force_and_ratios(
+        self, u: np.ndarray, load: BondLoad, weakness: np.ndarray, out: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """See :meth:`Body.force_and_ratios`: here in one go over the bonds."""
+        b, square, nodes = self.bonds, np.empty(self.bonds.node_count), self.node_parts(u)
+        swell, along = self._counted(load)
+        state_based.force_and_ratio(
+            b.offsets, b.neighbours, self._x, self.cubed, self.spread, self.swell * nodes, self.along, swell * nodes,
+            along, self.normal, load.by_energy, load.above, self._beyond(weakness), self._with_images(u), out, square,
+        )  # fmt: skip
+        return square, nodes
+
+    def _counted(self, load: BondLoad) -> tuple[float, float]:
+        """Factors of the dilatation and of the stretch in the forces that a load counts with, Pa."""
+        if load.split is None:
+            return self.swell, self.along
+        isotropic = self.along / self.model.dimensions
+        swollen, sheared = load.split
+        return swollen * (self.swell + isotropic) - sheared * isotropic, sheared * self.along
+
     def largest_ratios(
         self, u: np.ndarray, load: BondLoad, breakable: np.ndarray, resistance: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """As for any body, without writing anything per bond."""
         b, top, nodes = self.bonds, np.empty(self.bonds.node_count), self.node_parts(u)
-        along, swell = self.along, self.swell
-        if load.split is not None:  # the same sweep with the forces that each part counts with
-            isotropic = along / self.model.dimensions
-            along, swell = load.split[1] * along, load.split[0] * (swell + isotropic) - load.split[1] * isotropic
+        swell, along = self._counted(load)
         state_based.largest_ratio(
             b.offsets, b.neighbours, self._x, self.spread, swell * nodes, along, self.normal, load.by_energy,
             load.above, self._with_images(u), breakable, self._beyond(resistance), top,

@@ -100,14 +100,15 @@ def test_the_nearest_bonds_follow_what_breaks_and_what_may_break(model):
     assert body.force_and_ratios(u, BY_ENERGY, all_may, out)[0][worst] == 0.0
 
 
+@pytest.mark.parametrize("model", ["condensed rotation", "state-based"])
 @pytest.mark.parametrize("cells", ["quadrilateral", "triangle"])
-def test_one_sweep_does_for_mirrored_halves_too(tmp_path, cells):
+def test_one_sweep_does_for_mirrored_halves_too(tmp_path, cells, model):
     half = {
         "geometry.cracks": [],
         "geometry.symmetry": ["bottom"],
         "loads.1": {"on": "left", "velocity": {"x": "1 m/s"}},
     }
-    asked = scene(tmp_path, {**half, "mesh.cells": cells})
+    asked = scene(tmp_path, {**half, "mesh.cells": cells, "mechanics": {"model": model}})
     make_mesh(asked.geometry, asked.mesh, tmp_path / "plate.msh")
     body = build_case(asked, discretize(tmp_path / "plate.msh", asked.geometry, asked.mesh)).body
     random = np.random.default_rng(1)
