@@ -51,7 +51,7 @@ class Pilot:
     coarsening
         Its spacing over that of the run; on graded meshes the same at every place.
     counts
-        Last value of each history, by name, and ``sweeps_before_failure``.
+        Last value of each history, by name, ``sweeps_before_failure`` and ``extension_while_loaded``.
     largest_load
         Largest load over resistance that it met; None without damage.
     """
@@ -146,10 +146,10 @@ def make_forecast(case: Case, pilot: Pilot | None) -> Forecast:
     """Scale what a pilot counted up to the mesh of a case.
 
     With the spacing h, a crack takes rounds of failures in proportion to 1/h for each length of growth. Where hydrogen
-    carries it, its speed goes with 1/h as well, until it has crossed the plate. Iterations of an equilibrium do not
-    change. Sweeps of the diffusion grow as 1/h up to the first failure (stages grow as the square root of the length of
-    a step), and are as many for each failure from then on: how long they are apart goes with the longest plain step.
-    Fixed stepping has the same number of everything.
+    carries it under loads that are held, its speed goes with 1/h as well, until it has crossed the plate. Iterations
+    of an equilibrium do not change. Sweeps of the diffusion grow as 1/h up to the first failure (stages grow as the
+    square root of the length of a step), and are as many for each failure from then on: how long they are apart goes
+    with the longest plain step. Fixed stepping has the same number of load steps and of sweeps.
 
     Cracks on so coarse a mesh are rough guides: times are right within a factor of three (the benchmark `same_answer`
     has 2.7), counts of failures less so.
@@ -174,7 +174,7 @@ def make_forecast(case: Case, pilot: Pilot | None) -> Forecast:
         return Forecast(memory)
     coarsening = pilot.coarsening
     last, fixed = pilot.counts, case.scene.stepping.mode == "fixed"
-    rounds = last.get("failure_rounds", 0.0) * (1.0 if fixed else coarsening * _faster(case, pilot, coarsening))
+    rounds = last.get("failure_rounds", 0.0) * coarsening * _faster(case, pilot, coarsening)
     solves = max(last.get("equilibrium_solves", 0.0) - last.get("failure_rounds", 0.0), 0.0) + rounds
     iterations = last.get("equilibrium_iterations", 0.0) / max(last.get("equilibrium_solves", 0.0), 1.0) * solves
     sweeps, before = last.get("diffusion_sweeps", 0.0), last.get("sweeps_before_failure", 0.0)
@@ -250,12 +250,17 @@ def memory_of_machine() -> tuple[float, float]:
 
 
 def _faster(case: Case, pilot: Pilot, coarsening: float) -> float:
-    """How many times farther a crack grows than in the pilot: hydrogen is nearer; the plate may end before."""
+    """How many times farther a crack grows than in the pilot: hydrogen is nearer; the plate may end before.
+
+    That is so once the loads are held. While they change, growth follows them, on any mesh.
+    """
     g, grown = case.scene.geometry, pilot.counts.get("crack_extension", 0.0)
-    if case.diffusion is None or grown <= 0.0:
+    held = grown - pilot.counts.get("extension_while_loaded", 0.0)
+    if case.diffusion is None or grown <= 0.0 or held <= 0.0:
         return 1.0
     lengths = [crack.length for crack in g.cracks]
-    return min(coarsening, max(1.0, (max(g.width, g.height) - max(lengths)) / grown))
+    room = max(g.width, g.height) - max(lengths) - (grown - held)
+    return (grown - held + held * min(coarsening, max(1.0, room / held))) / grown
 
 
 def _sweep_seconds(case: Case, repeats: int = 5) -> tuple[float, float]:

@@ -169,6 +169,9 @@ def fly_pilot(scene: Scene, nodes: int) -> Pilot | None:
         )
         if name in variables
     }
+    if "crack_extension" in counts:
+        last = int(np.searchsorted(variables["history_time"].values, _loads_change_until(case), side="right")) - 1
+        counts["extension_while_loaded"] = float(variables["crack_extension"].values[last])
     if "diffusion_sweeps" in variables:
         # The first row is the start, and where nothing breaks the last one is what counts.
         rounds = variables["failure_rounds"].values if "failure_rounds" in variables else np.zeros(1)
@@ -179,6 +182,15 @@ def fly_pilot(scene: Scene, nodes: int) -> Pilot | None:
         case.discretization.volume.size, coarse.mesh.spacing / scene.mesh.spacing, counts,
         None if largest is None else float(np.max(largest.values)),
     )  # fmt: skip
+
+
+def _loads_change_until(case: Case) -> float:
+    """The time from which prescribed displacements stay as they are, s."""
+    stops, changing = [0.0, *sorted(t for t in case.conditions.corners if t > 0.0), case.scene.time.end], 0.0
+    for begin, stop in pairwise(stops):
+        if stop > begin and case.conditions.changes(begin, stop):
+            changing = stop
+    return changing
 
 
 def mesh_case(scene: Scene) -> Case:
