@@ -32,6 +32,8 @@ LEAST_COVERAGE = {False: 0.0005, True: 0.002}
 COARSENINGS = (3.0, 2.0, 1.5)
 #: Cells along the smallest feature that three times the spacing must leave; with fewer on any mesh it is told.
 ENOUGH = 6
+#: Cells along it below which nothing is known of how far an estimate can be trusted.
+TOO_FEW = 3
 #: A lattice may be so much coarser than asked for, to put cracks between rows of nodes.
 ROOM = 1.1
 #: Fracture: what differs between two meshes times this (once on graded meshes), and at least two per cent. Cracks
@@ -118,6 +120,10 @@ class OwnError:
         coarse = self.coarsening * scene.mesh.spacing
         if scene.damage is not None and (scene.mesh.solid or scene.stepping.mode == "dynamic" or scene.damage.regions):
             return "by an unknown factor, never measured for fracture of this kind"
+        if scene.mesh.cells == "tetrahedron":
+            return "by an unknown factor, never measured on tetrahedra"
+        if not scene.mesh.refine and smallest_feature(scene.geometry) < (TOO_FEW - 1e-9) * coarse:
+            return f"by an unknown factor, as there are fewer than {TOO_FEW} cells along the smallest feature"
         few = not scene.mesh.refine and smallest_feature(scene.geometry) < (ENOUGH - 1e-9) * coarse
         factor = 9 if few and scene.damage is not None else 3 if few or scene.damage is not None else 2
         if scene.mechanics.regions or scene.stepping.mode == "dynamic":

@@ -124,6 +124,19 @@ def test_a_scene_that_is_too_coarse_already_says_that_nothing_is_estimated(tmp_p
     assert told["error_basis"].startswith("not estimated: ")
 
 
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        pytest.param(plate(3, 3) + PULLED + "mesh: {spacing: 1 mm}\n", "fewer than 3 cells", id="few cells"),
+        pytest.param(plate(16, 12) + PULLED + "mesh: {spacing: 1 mm, cells: tetrahedron}\n", "tetrahedra", id="space"),
+    ],
+)
+def test_what_was_never_measured_is_said(text, why, tmp_path):
+    scene = loaded(tmp_path, text)
+    basis = OwnError(scene, 1.5, 10).basis()
+    assert "right by an unknown factor" in basis and why in basis
+
+
 def test_openings_count_with_nodes_on_both_sides_alone(tmp_path):
     # At 6 mm the notch runs along a row of nodes, which is the only one it counts.
     row = loaded(tmp_path, plate(60, 108, crack(51, 30)) + PULLED + "mesh: {spacing: 6 mm}\n")
