@@ -41,7 +41,8 @@ TALL = plate(60, 100, crack(50, 30)) + PULLED
 TIP = "from: [30 mm, 50 mm], to: [30 mm, 50 mm]"
 CRACKED = plate(80, 60, crack(30, 24))
 DRY = CRACKED + ramp("1000 s", "0.08 mm") + "time: {end: 1000 s}\n"
-# Name -> factor that is promised, scene; none is in the study of speed against accuracy, and no rule was made from one.
+# Name -> factor that is promised, scene; none is in the study of speed against accuracy. The slabs on triangles and the
+# graded fracture changed a rule each after they had been held back (docs/tradeoff.md).
 HELD_BACK = {
     "long notch, 240 nodes": (3, TALL + "mesh: {spacing: 5 mm}\n"),
     "long notch, 1500 nodes": (2, TALL + "mesh: {spacing: 2 mm}\n"),
@@ -92,7 +93,7 @@ def test_errors_found_are_within_the_factor_that_is_told(name, tmp_path):
     told, found, own = told_and_found(scene)
     assert set(told) == set(found)
     ratio = max(told.values()) / max(found.values())
-    # Measured, in this order: 1.03, 1.01, 1.04, 1.36, 0.90, 1.15, 1.01, 1.93, 0.55, 0.52, 1.10, 0.40, 0.65, 1.5.
+    # Measured, in this order: 1.03, 1.01, 1.04, 1.36, 0.90, 1.15, 1.01, 1.93, 0.55, 0.52, 1.10, 0.87, 1.10, 2.2.
     if factor is None:
         assert ratio > 0.5 and "errors found were at most twice that" in own.basis()
     else:
