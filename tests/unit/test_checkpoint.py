@@ -241,10 +241,10 @@ class Job:
     def start(self, cadence="0"):
         words = [*self.words, "--out", str(self.out)]
         process = self.processes.Process(target=solve_through_the_command_line, args=(words, str(self.log), cadence))
-        before = self.told()
+        before = self.told().count("scene: ")
         process.start()
-        # The plan is printed when all is ready to run.
-        while process.is_alive() and self.told() == before:
+        # The plan is printed when all is ready to run, also when an error is estimated first.
+        while process.is_alive() and self.told().count("scene: ") == before:
             time.sleep(0.001)
         return process
 
