@@ -37,8 +37,9 @@ def validate(arguments: argparse.Namespace) -> None:
                         try_user_material(Scene.from_resolved(case.resolved), case.scene)
                 print(f"{file}: study with {len(study.cases)} case(s)")
             elif isinstance(content, dict) and leaves_spacing_to_accuracy(content):
-                scene = load_scene(file, {"accuracy": None, "fidelity": "fine"})
-                print(f"{file}: scene '{scene.title}', settings left to its accuracy")
+                from pdhe.tradeoff.choose import check
+
+                print(f"{file}: scene '{check(file)[1].title}', settings left to its accuracy")
             else:
                 scene = load_scene(file)
                 try_user_material(scene, str(file))

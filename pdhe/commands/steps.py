@@ -87,7 +87,8 @@ def plan(arguments: argparse.Namespace) -> None:
     from pdhe.simulation import fly_pilot
     from pdhe.tradeoff.choose import estimate
 
-    scene = load_scene(arguments.scene, _chosen(arguments.scene)[0])
+    changes, chosen = _chosen(arguments.scene)
+    scene = load_scene(arguments.scene, changes)
     try_user_material(scene, str(arguments.scene))
     with tempfile.TemporaryDirectory() as folder:
         mesh_file = Path(folder, "plan.msh")
@@ -103,7 +104,8 @@ def plan(arguments: argparse.Namespace) -> None:
     needs = needs_of(scene.resolved())
     asked = f"{needs.threads} thread(s), {needs.mem_mb()} MB, {needs.runtime()} min"
     print(f"on a cluster this asks for: {asked} (docs/clusters.md)")
-    errors = estimate(scene)
+    # An accuracy has had its pilot runs.
+    errors = json.loads(chosen["predicted_errors"]) if chosen else estimate(scene)
     told = ", ".join(f"{name} {100.0 * error:.2g} %" for name, error in errors.items())
     print(f"expected error of the mesh: {told or 'the result will tell it (docs/tradeoff.md)'}")
 

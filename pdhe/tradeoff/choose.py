@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import TypeAdapter
+from pydantic import BaseModel
 
 from pdhe.case import EDGES, build_case
 from pdhe.errors import PdheError, SceneError
@@ -32,6 +32,14 @@ CHEAP = 6.0
 TOLERANCE = 0.01
 #: Share of it that is aimed at: elastic and diffusion scenes that were held back needed up to 1.7 times the prediction.
 AIM = 0.75
+#: Overrides that leave the spacing of a scene open, at the settings of a fine mesh.
+OPEN: dict[str, Any] = {"accuracy": None, "fidelity": "fine", "mesh.spacing": None}
+
+
+class _Wanted(BaseModel):
+    """The accuracy of a scene by itself, so that what is wrong with it is told under its key."""
+
+    accuracy: Accuracy
 
 
 @dataclass(frozen=True)
@@ -78,32 +86,11 @@ def choose(path: str | Path, progress: Progress | None = None) -> Choice:
         scene has no limit (hydrogen that saturates fresh crack faces).
     """
     log, file = progress or (lambda text: None), str(path)
-    raw = read_scene_file(path)
-    if raw.get("accuracy") is None:
-        raise SceneError(file, "accuracy", None, "is missing", "for example `accuracy: 2 %`")
-    if isinstance(raw.get("mesh"), dict) and raw["mesh"].get("refine") is not None:
-        text = "cannot be promised on a graded mesh, whose spacings the scene chooses itself"
-        raise SceneError(file, "accuracy", raw["accuracy"], text, "leave `mesh.refine` out, or `accuracy`")
-    if isinstance(raw.get("mesh"), dict) and raw["mesh"].get("cells") in SOLID_CELLS:
-        text = "is measured on plane meshes, and this scene is one in space"
-        raise SceneError(file, "accuracy", raw["accuracy"], text, "give `mesh.spacing` instead")
-    with reporting(file, raw):
-        accuracy = TypeAdapter(Accuracy).validate_python(raw.get("accuracy"))
-    base = {"accuracy": None, "fidelity": "fine", "mesh.spacing": None}
-    scene = load_scene(path, base)
-    if scene.stepping.mode == "dynamic":
-        text = "cannot be promised with inertia, for which no order of the errors has been measured"
-        raise SceneError(file, "accuracy", accuracy, text, "give `mesh.spacing` or a `fidelity` instead")
-    if scene.mechanics.regions:
-        text = "cannot be promised where Young's modulus differs by place: no order of the errors has been measured"
-        raise SceneError(file, "accuracy", accuracy, text, "give `mesh.spacing` or a `fidelity` instead")
-    if not has_limit(scene):
-        text = "cannot be promised: where fresh crack faces are saturated, cracks grow the faster the finer the mesh"
-        raise SceneError(file, "accuracy", accuracy, text, "give `mesh.spacing` or a `fidelity` instead")
+    accuracy, scene = check(path)
     changes: dict[str, Any] = {}
-    if scene.loads is not None and (raw.get("solver") or {}).get("tolerance") is None:
+    if scene.loads is not None and (read_scene_file(path).get("solver") or {}).get("tolerance") is None:
         changes["solver.tolerance"] = float(f"{TOLERANCE * accuracy:.2g}")
-    pilots = _fly(scene, lambda h: load_scene(path, {**base, **changes, "mesh.spacing": f"{h!r} m"}), log)
+    pilots = _fly(scene, lambda h: load_scene(path, {**OPEN, **changes, "mesh.spacing": f"{h!r} m"}), log)
     if pilots.scatter > 0.5 * accuracy:
         text = f"cannot be promised: errors of pilot runs scatter by {100.0 * pilots.scatter:.2g} % about any order"
         raise SceneError(file, "accuracy", accuracy, text, "accept more, or give a `fidelity`")
@@ -112,6 +99,49 @@ def choose(path: str | Path, progress: Progress | None = None) -> Choice:
     changes = {"mesh.spacing": f"{1e3 * spacing!r} mm", **changes}
     errors = pilots.errors(spacing)
     return Choice(changes, accuracy, max(errors.values()), errors)
+
+
+def check(path: str | Path) -> tuple[float, Scene]:
+    """Accuracy that a scene asks for, and the scene on a mesh of its size; runs nothing.
+
+    Raises
+    ------
+    SceneError
+        If there is none, or none can be promised whatever pilot runs would find.
+    """
+    file, raw = str(path), read_scene_file(path)
+    wanted = raw.get("accuracy")
+
+    def refuse(text: str, hint: str = "give `mesh.spacing` or a `fidelity` instead") -> SceneError:
+        return SceneError(file, "accuracy", wanted, text, hint)
+
+    if wanted is None:
+        raise refuse("is missing", "for example `accuracy: 2 %`")
+    if raw.get("fidelity") is not None:
+        raise refuse("and `fidelity` are both given", "give one of them")
+    mesh = raw["mesh"] if isinstance(raw.get("mesh"), dict) else {}
+    if mesh.get("refine") is not None:
+        text = "cannot be promised on a graded mesh, whose spacings the scene chooses itself"
+        raise refuse(text, "leave `mesh.refine` out, or `accuracy`")
+    if mesh.get("cells") in SOLID_CELLS:
+        raise refuse("is measured on plane meshes, and this scene is one in space", "give `mesh.spacing` instead")
+    with reporting(file, raw):
+        accuracy = _Wanted.model_validate({"accuracy": wanted}).accuracy
+    scene = load_scene(path, OPEN)
+    if scene.stepping.mode == "dynamic":
+        raise refuse("cannot be promised with inertia, for which no order of the errors has been measured")
+    if scene.mechanics.regions:
+        raise refuse(
+            "cannot be promised where Young's modulus differs by place: no order of the errors has been measured"
+        )
+    if scene.mechanics.strain == "finite" or scene.material.umat is not None:
+        kind = "under large strains" if scene.mechanics.strain == "finite" else "with a user material"
+        raise refuse(f"cannot be promised {kind}: no order of the errors has been measured")
+    if not has_limit(scene):
+        raise refuse(
+            "cannot be promised: where fresh crack faces are saturated, cracks grow the faster the finer the mesh"
+        )
+    return accuracy, scene
 
 
 def estimate(scene: Scene, progress: Progress | None = None) -> dict[str, float]:

@@ -1,6 +1,7 @@
 """Settings from an accuracy: what is chosen, what is refused, and predictions held against what is found."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -118,7 +119,8 @@ def test_choice_is_run_told_and_stored(tmp_path, capsys):
     assert cli.main(["validate", str(path)]) == 0
     assert "settings left to its accuracy" in capsys.readouterr().out
     assert cli.main(["plan", str(path)]) == 0
-    assert "nodes:" in capsys.readouterr().out
+    planned = capsys.readouterr().out
+    assert "nodes:" in planned and "expected error of the mesh: mean_coverage 0.1" in planned
 
 
 def test_more_accuracy_takes_finer_meshes_and_equilibria(tmp_path):
@@ -175,6 +177,28 @@ def test_what_cannot_be_promised_is_refused(tmp_path):
         choose(written(tmp_path, "90 %", wet))
     with pytest.raises(SceneError, match=r"key 'accuracy'.*is missing"):
         choose(SCENES / "smoke.yaml")
+
+
+@pytest.mark.parametrize(
+    ("accuracy", "more", "why"),
+    [
+        ("0 %", "", r"key 'accuracy': must be between .* \(got '0 %'\)"),
+        ("good", "", r"key 'accuracy': is not a number \(got 'good'\)"),
+        ("2 %", "fidelity: draft\n", r"key 'accuracy': and `fidelity` are both given"),
+        ("2 %", "mesh: {cells: triangle, refine: []}\n", "on a graded mesh"),
+        ("2 %", "mesh: {cells: tetrahedron}\n", "one in space"),
+        ("2 %", "mechanics: {model: correspondence, strain: finite}\n", "under large strains"),
+        ("2 %", "regions: [{name: weld, from: [0 mm, 0 mm], to: [9 mm, 9 mm]}]\n"
+                "mechanics: {regions: [{on: weld, factor: 2}]}\n", "Young's modulus differs by place"),
+    ],
+)  # fmt: skip
+def test_what_no_pilot_run_is_needed_for_is_refused_before_any(accuracy, more, why, tmp_path, capsys):
+    path = written(tmp_path, accuracy, HELD_BACK["deep notch"][1] + more)
+    for command in (["validate"], ["plan"], ["choose"], ["run", "--out", str(tmp_path / "result.nc")]):
+        assert cli.main([command[0], str(path), *command[1:]]) == 1
+        out, told = capsys.readouterr()
+        assert re.search(why, told) and "pilot run" not in out + told
+    assert not (tmp_path / "result.nc").exists()
 
 
 def test_reading_a_scene_runs_nothing(tmp_path):
