@@ -110,7 +110,8 @@ class Scene(Block):
     def _resolve_outputs(cls, outputs: Outputs, info: ValidationInfo) -> Outputs:
         if "time" not in info.data:
             return outputs
-        return Outputs.model_construct(every=None, count=None, times=outputs.at(info.data["time"].end))
+        times = outputs.at(info.data["time"].end)
+        return Outputs.model_construct(every=None, count=None, times=times, error_estimate=outputs.error_estimate)
 
     @model_validator(mode="after")
     def _check(self) -> "Scene":

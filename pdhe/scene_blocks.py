@@ -623,11 +623,15 @@ class Solver(Block):
 
 
 class Outputs(Block):
-    """Output times (s): requested as `every`, `count` or `times`, and `times` alone once resolved."""
+    """Output times (s): requested as `every`, `count` or `times`, and `times` alone once resolved.
+
+    Without `error_estimate` a result does not tell its own error, and the scene is not run on a coarser mesh for it.
+    """
 
     every: fields.PositiveTime | None = None
     count: fields.SmallCount | None = None
     times: Annotated[tuple[fields.Time, ...], BeforeValidator(fields.as_list)] | None = None
+    error_estimate: bool = True
 
     def at(self, end: float) -> tuple[float, ...]:
         """Return the sorted output times for a run that ends at ``end`` (s), with 0 and ``end``."""

@@ -140,6 +140,8 @@ def own_error(scene: Scene, log: Log) -> OwnError:
     Costs a fifth of the run for elastic bodies and an eighth or less where time passes; a 27th in fracture on meshes of
     18 cells and more along the smallest feature.
     """
+    if not scene.outputs.error_estimate:
+        return OwnError(scene, reason="`outputs.error_estimate` is off")
     if scene.material.umat is not None:
         return OwnError(scene, reason="user materials are not run a second time")
     if scene.loads is not None and scene.mechanics.strain == "finite":

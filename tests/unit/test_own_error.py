@@ -138,6 +138,18 @@ def test_what_was_never_measured_is_said(text, why, tmp_path):
     assert "right by an unknown factor" in basis and why in basis
 
 
+def test_a_scene_can_do_without(tmp_path, capsys):
+    path = tmp_path / "scene.yaml"
+    path.write_text(
+        f"title: plain\nmaterial: AISI 4340\n{TALL}mesh: {{spacing: 5 mm}}\noutputs: {{error_estimate: off}}\n"
+    )
+    assert cli.main(["run", str(path), "--out", str(tmp_path / "result.nc")]) == 0
+    assert "error estimate" not in capsys.readouterr().err
+    with open_result(tmp_path / "result.nc") as result:
+        assert result.attrs["error_basis"] == "not estimated: `outputs.error_estimate` is off"
+        assert "predicted_error" not in result.attrs
+
+
 def test_openings_count_with_nodes_on_both_sides_alone(tmp_path):
     # At 6 mm the notch runs along a row of nodes, which is the only one it counts.
     row = loaded(tmp_path, plate(60, 108, crack(51, 30)) + PULLED + "mesh: {spacing: 6 mm}\n")

