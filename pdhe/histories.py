@@ -17,6 +17,7 @@ from pdhe.materials.correspondence import Correspondence
 from pdhe.materials.umat import TRIAL_STRAIN, UserMaterial, UserPoints, build
 from pdhe.materials.user import SolidUserBody, UserBody
 from pdhe.scene_umat import content_of
+from pdhe.wholefile import damaged_library
 
 if TYPE_CHECKING:
     from pdhe.scene import Scene
@@ -67,6 +68,8 @@ def _place_of_routine(scene: Scene, library: Path) -> tuple[str, str]:
 def _loads(library: Path) -> bool:
     import ctypes
 
+    if damaged_library(library):
+        return False
     try:
         ctypes.CDLL(str(library.resolve()))
     except OSError:

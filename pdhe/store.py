@@ -18,7 +18,7 @@ from pdhe.provenance import digest, fingerprint, versions
 from pdhe.results import CHECKPOINT, INCOMPLETE
 from pdhe.stamps import ENDINGS, problems
 from pdhe.study import RESERVED, Case, load_study
-from pdhe.wholefile import PART, intact
+from pdhe.wholefile import PART, damaged_library, intact
 from pdhe.yamlfile import read_yaml
 
 _STAGES = {"mesh": ".msh", "nodes": ".nc", "solve": ".nc"}
@@ -26,20 +26,25 @@ _LIBRARIES = {"umat": ".so"}
 
 
 def stored(results: Path) -> list[Path]:
-    """Return the meshes, the files of nodes and the solutions below a folder of results."""
+    """Return the meshes, the files of nodes, solutions and compiled user materials below a folder of results."""
     _require(results)
-    found = (path for stage in _STAGES for path in sorted((results / "store" / stage).glob(f"*{_STAGES[stage]}")))
+    kinds = {**_STAGES, **_LIBRARIES}
+    found = (path for stage in kinds for path in sorted((results / "store" / stage).glob(f"*{kinds[stage]}")))
     return [path for path in found if not PART.fullmatch(path.name)]
 
 
 def check(path: Path) -> Iterator[str]:
-    """Yield what is wrong with a mesh, a file of nodes or a solution, in words: content, name, scene, code, versions.
+    """Yield what is wrong with a file of the store, in words: content, and of solutions name, scene, code, versions.
 
     Parameters
     ----------
     path
         File in the store; its folder tells what it is.
     """
+    if path.suffix == _LIBRARIES["umat"]:
+        if not path.stat().st_size or damaged_library(path):
+            yield "is damaged"
+        return
     if path.suffix == _STAGES["mesh"]:
         if not intact(path):
             yield "is damaged, or was made by an older version: it does not end with the digest of its content"

@@ -14,6 +14,7 @@ import json
 import os
 import re
 import shutil
+import struct
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,6 +26,8 @@ _SEAL = b"$Comments\npdhe-sha256 %s\n$EndComments\n"
 _PATTERN = re.compile(re.escape(_SEAL).replace(b"%s", rb"([0-9a-f]{64})"))
 _LENGTH = len(_SEAL % bytes(64))
 _PIECE = 1 << 20
+_ELF, _HEAD = b"\x7fELF\x02\x01", 64
+"""First bytes of libraries of Linux with 64 bits, little end first, and the length of their header."""
 PART = re.compile(r"\..+\.(?P<process>\d+)\.\d+\.part(\.\w+)?")
 """Names of files that are being written, with the number of the process that writes them."""
 
@@ -114,6 +117,28 @@ def intact(path: str | os.PathLike[str]) -> bool | None:
         file.seek(max(0, size - _LENGTH))
         found = _PATTERN.fullmatch(file.read())
         return None if found is None else _digest(file, size - _LENGTH) == found[1].decode()
+
+
+def damaged_library(path: str | os.PathLike[str]) -> bool:
+    """Tell whether a shared library is not the one that was sealed, or is cut off, as far as that can be seen.
+
+    Of one without a seal, the file is held against the place of its last part, the table of its sections, where it is
+    one of Linux with 64 bits. A loader maps what is missing all the same, and the process ends without a word. What is
+    no library at all is left to the loader.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    """
+    with open(path, "rb") as file:  # noqa: PTH123 - any kind of path
+        head, size = file.read(_HEAD), file.seek(0, os.SEEK_END)
+    if intact(path) is False:
+        return True
+    if len(head) < _HEAD or not head.startswith(_ELF):
+        return False
+    (table,), (each, count) = struct.unpack_from("<Q", head, 40), struct.unpack_from("<HH", head, 58)
+    return size < table + each * count
 
 
 def why_not_written(path: Path, problem: str) -> OSError:

@@ -16,6 +16,7 @@ import shlex
 import shutil
 import signal
 import subprocess
+import sys
 import tempfile
 import warnings
 from dataclasses import dataclass, field
@@ -29,7 +30,7 @@ from pdhe.kernels import umat as kernels
 from pdhe.kernels.jit import as_float
 from pdhe.provenance import digest
 from pdhe.scene_umat import content_of
-from pdhe.wholefile import moved_when_whole
+from pdhe.wholefile import damaged_library, intact, moved_when_whole
 
 #: Stress components by what is assumed across the plate; None is a solid.
 COMPONENTS = {"stress": 3, "strain": 4, None: 6}
@@ -47,6 +48,8 @@ COMPILERS: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = {
 #: What user materials find in Abaqus.
 _HEADER = "      implicit real*8 (a-h, o-z)\n      parameter (nprecd=2)\n"
 _SHIM = "#include <stdlib.h>\n__attribute__((weak)) void xit_(void) { exit(42); }\n"
+#: Whether libraries get a seal: the loader of Linux minds no bytes after the end.
+SEALED = sys.platform.startswith("linux")
 #: Strain of trial calls but the first, and the seconds after which they are given up.
 TRIAL_STRAIN, TRIAL_TIME = 1e-8, 60
 
@@ -60,7 +63,7 @@ def build(source: Path, folder: Path | None = None) -> Path:
         ``.c``, ``.f``, ``.for`` (fixed form) or ``.f90`` (free form). ``ABA_PARAM.INC`` and ``XIT`` are there.
     folder
         Where libraries are kept, by the digest of source, files that it includes, compiler and options; the user's
-        cache when None.
+        cache when None. One that is damaged is made anew.
 
     Returns
     -------
@@ -86,10 +89,10 @@ def build(source: Path, folder: Path | None = None) -> Path:
         folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "pdhe" / "umat"
     key = digest([text, version.hex(), *compiler, *options, _HEADER, _SHIM], 32)
     library = Path(folder) / f"{key}.so"
-    if library.is_file():
+    if library.is_file() and (intact(library) or not SEALED):
         return library
     library.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory() as place, moved_when_whole(library) as temporary:
+    with tempfile.TemporaryDirectory() as place, moved_when_whole(library, SEALED) as temporary:
         for name in ("ABA_PARAM.INC", "aba_param.inc"):
             Path(place, name).write_text(_HEADER)
         Path(place, "shim.c").write_text(_SHIM)
@@ -168,6 +171,9 @@ class UserMaterial:
 def _address(library: Path, symbol: str) -> int:
     if not library.is_file():
         raise PdheError(f"{library}: there is no such library")
+    if damaged_library(library):
+        # The system would end the process without a word, or run other code.
+        raise PdheError(f"{library}: is damaged; delete it and give the same command again")
     try:
         loaded = ctypes.CDLL(str(library.resolve()))
     except OSError as error:

@@ -1,6 +1,8 @@
 """Compiled user materials: what they are told, their closed forms, equilibria with a history, and what goes wrong."""
 
 import shutil
+import struct
+import sys
 from pathlib import Path
 
 import numba
@@ -15,6 +17,8 @@ from pdhe.kernels import umat as kernels
 from pdhe.materials.umat import UserMaterial, UserPoints, build, drive
 from pdhe.materials.user import UserBody
 from pdhe.solvers import Equilibrium
+from pdhe.store import check
+from pdhe.wholefile import damaged_library
 from tests.lattices import YOUNG, make_body
 
 SOURCES = Path(__file__).parents[2] / "config/umat"
@@ -359,6 +363,33 @@ def test_a_source_is_compiled_once(library, tmp_path):
     assert build(tmp_path / "mine.c", tmp_path / "kept") == first and first.stat().st_mtime_ns == stamp
     (tmp_path / "mine.c").write_text((SOURCES / "j2.c").read_text() + "\n/* changed */\n")
     assert build(tmp_path / "mine.c", tmp_path / "kept") != first
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="libraries have a seal on Linux only")
+def test_a_damaged_library_is_told_or_made_anew(library, tmp_path):
+    """Half of one ended the process by SIGBUS; another constant in it gave other stresses."""
+    library("j2.c")
+    (tmp_path / "mine.c").write_bytes((SOURCES / "j2.c").read_bytes())
+    kept = build(tmp_path / "mine.c", tmp_path / "kept")
+    whole = kept.read_bytes()
+    place = whole.index(struct.pack("<d", 3.0)) + 6
+    flipped = whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :]
+    for spoilt in (b"", whole[: len(whole) // 2], whole[:-500], flipped):
+        kept.write_bytes(spoilt)
+        other = tmp_path / "store" / "umat" / "mine.so"
+        other.parent.mkdir(parents=True, exist_ok=True)
+        other.write_bytes(spoilt)
+        assert list(check(other)) == ["is damaged"]
+        with pytest.raises(
+            PdheError, match=r"mine\.so: (is damaged; delete it and give the same command|cannot be loaded)"
+        ):
+            one(other)
+        assert build(tmp_path / "mine.c", tmp_path / "kept") == kept and kept.read_bytes() == whole
+    # One that somebody else compiled has no seal.
+    foreign = tmp_path / "foreign.so"
+    foreign.write_bytes(whole[: whole.rindex(b"$Comments")])
+    assert not damaged_library(foreign)
+    one(foreign)
 
 
 def test_the_command_line_takes_a_point_through_a_path(library, tmp_path, monkeypatch, capsys):

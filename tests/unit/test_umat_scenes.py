@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import sys
 import tempfile
 from itertools import pairwise
 from pathlib import Path
@@ -429,6 +430,13 @@ def test_no_compiler_a_bad_source_and_a_bad_library_are_said(tmp_path, monkeypat
     own.with_suffix(".so").write_text("no library\n")
     said = refused(bar({"library": str(own.with_suffix(".so"))}))
     assert "key 'material.umat.library': cannot be loaded" in said
+    if sys.platform.startswith("linux"):
+        # The loader of Linux would end the process by SIGBUS.
+        other = tmp_path / "cut.so"
+        whole = build(ROOT / "config/umat/j2.c", tmp_path).read_bytes()
+        other.write_bytes(whole[: len(whole) // 2])
+        said = refused(bar({"library": str(other)}))
+        assert "key 'material.umat.library': is damaged" in said and "delete it" in said
     write_source(own, GOOD, "material")
     said = refused(scene)
     assert "key 'material.umat.symbol': has no routine 'umat_' (got 'umat_')" in said
