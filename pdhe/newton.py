@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from pdhe.errors import SimulationError
 from pdhe.kernels.vectors import dot
@@ -27,6 +29,8 @@ HALVINGS, CUTS = 10, 6
 #: moves as a whole: residuals are those of forces, not carried on from iteration to iteration), and below which only
 #: round-off can be in the way.
 REACHABLE, TINY = 5e-11, 1e-9
+#: Motion of prescribed degrees of freedom over that of the others below which a rigid motion leaves them at rest.
+AT_REST = 1e-9
 #: Share of what a step promises that the energy has to fall by, and round-off of an energy over its size.
 PROMISE, ROUND_OFF = 1e-4, 1e-14
 
@@ -65,6 +69,7 @@ class NewtonEquilibrium:
         self.residuals: list[float] = []
         self._precondition: Preconditioner | None = None
         self._guess = 0.0
+        self._loose: list[np.ndarray] = []
 
     def memory(self) -> dict[str, Any]:
         """What later solves depend on; the work counted so far is apart."""
@@ -103,6 +108,7 @@ class NewtonEquilibrium:
         self.work.equilibrium_solves += 1
         # Made anew for every solve, so that a run that goes on from a checkpoint has the same one.
         self._precondition = None
+        self._loose = self._turning(u)
         return self._cut(u, prescribed, CUTS)
 
     def _cut(self, u: np.ndarray, prescribed: np.ndarray, cuts: int) -> tuple[np.ndarray, np.ndarray]:
@@ -169,17 +175,18 @@ class NewtonEquilibrium:
         """Displacements that take a residual away, to first order; as far as the energy is convex."""
         begin = self._norm(residual)
         goal, out, direction, rz = max(LINEAR * begin, enough), np.zeros_like(residual), np.zeros_like(residual), 1.0
-        residual = residual.copy()
+        modes = [(nodes, self._rigid(pose.u, nodes)) for nodes in self._loose]
+        residual = _without(residual.copy(), modes)
         for iteration in range(self.max_iterations):
             if self._norm(residual) <= goal:
                 break
             if self._precondition is None:
                 self._precondition = Preconditioner(pose, ~self.fixed, self.body.coordinates + pose.u, self.spacing)
                 self.work.preconditioner_builds += 1
-            z = self._precondition(residual)
+            z = _without(self._precondition(residual), modes)
             rz, previous = dot(residual, z), rz
             direction = z + (rz / previous if iteration else 0.0) * direction
-            change = pose.change(direction) * self.free
+            change = _without(pose.change(direction) * self.free, modes)
             self.work.force_sweeps += 1
             self.work.equilibrium_iterations += 1
             curvature = -dot(direction, change)
@@ -192,6 +199,53 @@ class NewtonEquilibrium:
         if iteration > SLOW:
             self._precondition = None
         return out
+
+    def _turning(self, u: np.ndarray) -> list[np.ndarray]:
+        """Nodes of every piece of the body that prescribed values leave free to turn.
+
+        Turning costs a piece in equilibrium nothing. Off it, what is left of the forces makes the curvature along it
+        positive or negative by little: steps would be turns by any angle.
+        """
+        bonds = self.body.bonds
+        if bonds.images is not None:  # what a mirror leaves free is another matter
+            return []
+        kept, n = self.body.intact, bonds.node_count
+        graph = coo_array((kept[kept], (bonds.owners()[kept], bonds.neighbours[kept])), shape=(n, n))
+        count, piece = connected_components(graph, directed=False)
+        order = np.argsort(piece, kind="stable")
+        pieces = np.split(order, np.cumsum(np.bincount(piece, minlength=count))[:-1])
+        return [nodes for nodes in pieces if nodes.size > u.shape[1] and self._rigid(u, nodes).size]
+
+    def _rigid(self, u: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+        """Motions of some nodes as one that leave prescribed values as they are, orthonormal (k, m dim).
+
+        None unless turns are among them, by any angle: e.g. about an axis along which alone nodes are held.
+        """
+        place = (self.body.coordinates + u)[nodes]
+        place = place - place.mean(axis=0)
+        dim, fixed = place.shape[1], self.fixed[nodes].ravel()
+        turns = []
+        for a, b in ((0, 1), (0, 2), (1, 2))[: 1 if dim == 2 else 3]:
+            turn = np.zeros((dim, dim))
+            turn[a, b], turn[b, a] = -1.0, 1.0
+            turns.append(turn)
+        size = max(float(np.abs(place).max()), np.finfo(float).tiny)
+        shifts = [np.broadcast_to(axis, place.shape) for axis in np.eye(dim)]
+        every = np.stack([motion.ravel() for motion in shifts + [place @ turn.T / size for turn in turns]])
+        held = np.pad(every[:, fixed], ((0, 0), (0, len(every))))  # no fewer columns than motions
+        axes, values, _ = np.linalg.svd(held, full_matrices=False)
+        free = axes[:, values <= AT_REST * np.sqrt(len(nodes))].T
+        found, turning = [], False
+        for share in free:
+            turn = sum(part * one for part, one in zip(share[dim:], turns, strict=True)) / size
+            twice = (share[:dim] + place @ turn.T) @ turn.T * size  # as the turn goes on
+            if np.abs(twice.ravel()[fixed]).max(initial=0.0) <= AT_REST:
+                found.append(share @ every)
+                turning = turning or np.abs(share[dim:]).max() > AT_REST
+        if not turning:
+            return np.empty((0, 0))
+        _, values, motions = np.linalg.svd(np.array(found), full_matrices=False)
+        return motions[values > AT_REST * values[0]]  # nodes in a row do not move about it
 
     def _pose(self, u: np.ndarray) -> Pose:
         self.work.force_sweeps += 1
@@ -214,3 +268,12 @@ class NewtonEquilibrium:
             f"{self.tolerance:g}), largest at node {worst}, x = {self.body.coordinates[worst].tolist()} m; {hint}",
             worst,
         )
+
+
+def _without(values: np.ndarray, modes: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    """Take from values of nodes (n, dim) what some of them have of motions that are orthonormal; the same array."""
+    for nodes, motions in modes:
+        if motions.size:
+            own = values[nodes].ravel()
+            values[nodes] = (own - motions.T @ (motions @ own)).reshape(nodes.size, -1)
+    return values

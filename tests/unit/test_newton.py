@@ -161,3 +161,34 @@ def test_what_no_stress_of_this_kind_can_bear_is_refused():
     with pytest.raises(SimulationError, match="equilibrium not reached") as caught:
         solver.solve(u, prescribed)
     assert caught.value.node is not None and not u.any() and solver.reference == 0.0
+
+
+def test_what_prescribed_values_leave_free_to_turn():
+    """Turns by any angle count, and those of loose pieces; not those that move what is held as they go on."""
+    x, body, _ = body_of(6, 5, 4, m=2.015)
+    y, fixed = x[:, 1], np.zeros(x.shape, bool)
+    ends = (y < 1e-3) | (y > 4e-3)
+    fixed[ends, 1] = True
+
+    def free(held):
+        solver = solver_of(x, body, held)
+        return [len(solver._rigid(np.zeros_like(x), nodes)) for nodes in solver._turning(np.zeros_like(x))]
+
+    assert free(fixed) == [3]  # along x and z, and about y
+    pinned = fixed.copy()
+    pinned[0] = True
+    assert free(pinned) == [1]
+    pinned[-1, 0] = True
+    assert free(pinned) == []
+    # Two ends of a diagonal held in place: about it.
+    line = np.zeros(x.shape, bool)
+    line[[0, -1]] = True
+    assert free(line) == [1]
+    # One corner of an edge in place, the other along it alone: it turns about the first, but not by any angle.
+    line[-1], line[5, 0] = False, True
+    assert sum(free(line)) <= 1
+    bonds = body.bonds
+    apart = (y[bonds.owners()] - 2e-3) * (y[bonds.neighbours] - 2e-3) < 0.0
+    body.break_bonds(np.flatnonzero(apart & bonds.once()))
+    assert free(fixed) == [3, 3]
+    assert free(np.ones(x.shape, bool)) == []
