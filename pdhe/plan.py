@@ -37,6 +37,7 @@ def make_plan(case: Case, pilot: Pilot | None = None, expected: Forecast | None 
         *_symmetry(case),
         f"nodes: {d.volume.size}, {_lengths(case)}, "
         f"bonds: {case.bonds.length.size // 2}, bond memory {bond_bytes(case) / 1e6:.1f} MB",
+        _fields(case),
         _mechanics(case),
         *([] if case.history is None else [describe(scene, case.history)]),
         _damage(case),
@@ -141,19 +142,33 @@ def _lengths(case: Case) -> str:
 
 def bond_bytes(case: Case) -> int:
     """Memory of everything that is stored bond by bond."""
+    return sum(array.nbytes for _, array in _bond_arrays(case))
+
+
+def _bond_arrays(case: Case) -> list[tuple[str, np.ndarray]]:
+    """What is stored bond by bond, by name."""
     names = ("neighbours", "reverse", "length", "nx", "ny", "nz", "weight", "cut", "fineness", "horizons")
-    arrays = [array for name in names if (array := getattr(case.bonds, name, None)) is not None]
+    arrays = [(name, array) for name in names if (array := getattr(case.bonds, name, None)) is not None]
     if case.body is not None:
-        arrays += [case.body.cubed, case.body.intact]
-        arrays += [] if case.body.relative is None else [case.body.relative]
+        arrays += [("weight over length cubed", case.body.cubed), ("intact", case.body.intact)]
+        arrays += [] if case.body.relative is None else [("relative stiffness", case.body.relative)]
     if case.diffusion is not None:
-        arrays.append(case.diffusion.rate)
+        arrays.append(("rate", case.diffusion.rate))
         if case.diffusion.bonds is not case.bonds:
-            arrays += [case.diffusion.bonds.neighbours, case.diffusion.bonds.length]
+            bonds = case.diffusion.bonds
+            arrays += [("neighbours of diffusion", bonds.neighbours), ("length of diffusion", bonds.length)]
     if case.rule is not None:
-        arrays.append(case.rule.may_fail)
-        arrays += [values for values in case.rule.squares if values is not case.bonds.fineness]
-    return sum(a.nbytes for a in arrays)
+        arrays.append(("may fail", case.rule.may_fail))
+        arrays += [("critical", values) for values in case.rule.squares if values is not case.bonds.fineness]
+    return arrays
+
+
+def _fields(case: Case) -> str:
+    """Names of the fields that the run carries along; of absent physics there are none."""
+    blocks = (("displacement", case.body), ("velocity", case.dynamics), ("damage", case.rule))
+    by_node = [name for name, on in (*blocks, ("coverage", case.diffusion)) if on is not None]
+    by_bond = dict.fromkeys(name for name, array in _bond_arrays(case) if array.size)
+    return f"fields: {', '.join(by_node)} by node; {', '.join(by_bond)} by bond"
 
 
 def _mechanics(case: Case) -> str:
@@ -172,7 +187,7 @@ def _mechanics(case: Case) -> str:
         how = f"equilibrium by conjugate gradients to {case.equilibrium.tolerance:g}"
     where = f"plane {case.scene.plane}" if case.scene.plane else "in space"
     return (
-        f"mechanics: on, {case.scene.mechanics.model}, {where}, "
+        f"mechanics: on (the scene has loads), {case.scene.mechanics.model}, {where}, "
         f"weights {case.scene.mechanics.weights}, {cut} bonds cut by pre-cracks, {how}"
         + (", weights in single precision" if case.body.cubed.dtype == np.float32 else "")
         + _stiffness(case.body.relative)
@@ -190,7 +205,8 @@ def _damage(case: Case) -> str:
         return "damage: off (the scene has no damage block): no bond bookkeeping"
     rule = case.rule
     return (
-        f"damage: on, criterion {case.scene.damage.criterion}, critical stretch {rule.critical:.6g} dry, "
+        f"damage: on (the scene has a damage block), criterion {case.scene.damage.criterion}, "
+        f"critical stretch {rule.critical:.6g} dry, "
         f"{rule.weakest:.6g} saturated"
         + (", of bonds as long as the horizon" if CRITERIA[case.scene.damage.criterion].equal_energy else "")
         + ("" if case.bonds.fineness is None else ", at the largest horizon")
@@ -234,7 +250,9 @@ def _hydrogen(case: Case) -> str:
     else:
         step = STEP_SAFETY * limit
     count = DiffusionStep.sweeps * case.scene.time.end / step if np.isfinite(step) and step > 0.0 else 0
-    text = f"hydrogen: on, explicit steps of at most {step:.4g} s (limit {limit:.4g} s), "
+    text = (
+        f"hydrogen: on (the scene has a hydrogen block), explicit steps of at most {step:.4g} s (limit {limit:.4g} s), "
+    )
     if stepping.mode == "fixed":
         return f"{text}at least {count:.0f} sweeps"
     return (

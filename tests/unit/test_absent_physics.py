@@ -10,6 +10,7 @@ from pdhe.benchmarks.memory import arrays_of
 from pdhe.benchmarks.problems import SCENE, lattice_nodes
 from pdhe.case import build_case
 from pdhe.damage import Candidates, nearest_failure
+from pdhe.plan import make_plan
 from pdhe.scene import Scene, load_scene
 from pdhe.simulation import mesh_case, simulate
 
@@ -55,6 +56,19 @@ def test_arrays_are_those_of_the_physics_that_is_on(cases):
     assert total["elastic"] < total["dry"] < total["coupled"]
     assert total["dry"] - total["elastic"] == pytest.approx(1.0)  # whether a bond may fail
     assert total["diffusion"] < 0.5 * total["coupled"]
+
+
+def test_the_plan_names_the_fields_and_the_reasons(cases):
+    named = {"loads": ("displacement", "intact"), "damage": ("damage", "may fail"), "hydrogen": ("coverage", "rate")}
+    reasons = {"loads": "mechanics: on (the scene has loads)", "damage": "damage: on (the scene has a damage block)",
+               "hydrogen": "hydrogen: on (the scene has a hydrogen block)"}  # fmt: skip
+    for name, case in cases.items():
+        plan = make_plan(case)
+        (line,) = (line for line in plan.splitlines() if line.startswith("fields: "))
+        for block, fields_of_it in named.items():
+            for field in fields_of_it:
+                assert (field in line) == (block in BLOCKS[name]), (name, field, line)
+            assert (reasons[block] in plan) == (block in BLOCKS[name])
 
 
 def test_what_follows_from_the_horizon_is_not_kept_a_second_time():
