@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pdhe.bonds import build_bonds
+from pdhe.boundary import DisplacementConditions
+from pdhe.dynamics import Verlet
 from pdhe.materials import Body, Correspondence, StateBased, make_body
 from pdhe.materials.constants import Orthotropic
 from pdhe.solid_bonds import build_solid_bonds
@@ -52,13 +54,14 @@ def pair_of_nodes() -> tuple[float, float, float]:
     young = 9.0 * bulk * shear / (3.0 * bulk + shear)
     model = StateBased(young, young / (2.0 * shear) - 1.0, 1.0, 3.0, None)
     x, volume = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), np.full(2, 2.0)
-    body = make_body(build_bonds(x[:, :2], volume, np.ones(2), 1.0, 3.0, surface="none"), model, x, volume)
-    u, v = np.zeros((2, 3)), np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
-    for _ in range(5):
-        v += 0.5 * dt * body.force(u) / (density * volume[:, None])
-        u += dt * v
-        v += 0.5 * dt * body.force(u) / (density * volume[:, None])
-    return float(u[0, 0]), float(v[0, 0]), float(body.dilatation(u)[0])
+    body = make_body(build_solid_bonds(x, volume, np.ones(2), 3.0, partial="full", surface="none"), model, x, volume)
+    nothing = DisplacementConditions([], {}, x, (1.0, 1.0, 1.0))
+    motion = Verlet(body, density * volume, nothing, [], np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]))
+    motion.sweep(0.0)
+    for step in range(1, 6):
+        motion.step(step * dt, dt)
+        motion.end(dt)
+    return float(motion.u[0, 0]), float(motion.v[0, 0]), float(body.dilatation(np.ascontiguousarray(motion.u))[0])
 
 
 def _block() -> Body:
