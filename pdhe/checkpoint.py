@@ -139,9 +139,11 @@ class Keeper:
         self._last = run
         if self._signal is None and time.monotonic() < self._due:
             return
+        before = self.written
         self.write(run)
         if self._signal is not None:
-            raise _interrupted(self._signal, f"at t = {run.state.time:.6g} s; the same command goes on from there")
+            where = "there" if self.written > before else "the last checkpoint, if any: no new one was written"
+            raise _interrupted(self._signal, f"at t = {run.state.time:.6g} s; the same command goes on from {where}")
 
     def write(self, run: Run) -> None:
         """Write a checkpoint; a full disk is told, not raised: the run may still end well."""

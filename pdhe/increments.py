@@ -158,11 +158,12 @@ class Increments:
                 self.work.equilibrium_solves += 1
                 return u, force
             u, force = self._accept(u, self._solve(self.body.tangent(), residual), norm)
-        raise SimulationError(
-            f"equilibrium of increment {self.body.points.increments + 1} not reached: relative residuals "
-            f"{', '.join(f'{value:.2g}' for value in self.residuals[-3:])} in the last Newton steps of "
-            f"{self.most_iterations} (wanted {self.tolerance:g}); take shorter increments, or look at DDSDDE"
-        )
+        last = ", ".join(f"{value:.2g}" for value in self.residuals[-3:])
+        raise self._no_equilibrium(
+            f"relative residuals {last} in the last Newton steps of {self.most_iterations} (wanted {self.tolerance:g})",
+            force * self.free,
+            "take shorter increments, or look at DDSDDE",
+        )  # fmt: skip
 
     def _accept(self, u: np.ndarray, change: np.ndarray, norm: float) -> tuple[np.ndarray, np.ndarray]:
         """Take a step, halved until the residual is smaller than it was."""
@@ -174,10 +175,10 @@ class Increments:
             if np.sqrt(dot(residual, residual)) < norm:
                 return moved, force
             share *= 0.5
-        raise SimulationError(
-            f"equilibrium of increment {self.body.points.increments + 1} not reached: no share of a Newton step lowers "
-            f"the residual of {norm:.3g} N; take shorter increments, or look at DDSDDE"
-        )
+        raise self._no_equilibrium(
+            f"no share of a Newton step lowers the residual of {norm:.3g} N", residual,
+            "take shorter increments, or look at DDSDDE",
+        )  # fmt: skip
 
     def _solve(self, tangent, residual: np.ndarray) -> np.ndarray:
         """Displacements that take a residual away, to first order."""
@@ -196,16 +197,24 @@ class Increments:
             self.work.equilibrium_iterations += 1
             curvature = -dot(direction, change)
             if not curvature > 0.0:
-                raise SimulationError(
-                    f"equilibrium of increment {self.body.points.increments + 1} not reached: DDSDDE of the user "
-                    "material is not positive (softening?), or the body is not held against moving as a whole; take "
-                    "shorter increments, or hold more of it"
-                )
+                raise self._no_equilibrium(
+                    "DDSDDE of the user material is not positive (softening?), or the body is not held against moving "
+                    "as a whole", direction, "take shorter increments, or hold more of it", "motion",
+                )  # fmt: skip
             out += rz / curvature * direction
             residual += rz / curvature * change
-        raise SimulationError(
-            f"equilibrium of increment {self.body.points.increments + 1} not reached: the tangent cannot be solved "
-            f"with in {self.max_iterations} iterations"
+        raise self._no_equilibrium(
+            f"the tangent cannot be solved with in {self.max_iterations} iterations", residual,
+            "raise solver.max_iterations, or take shorter increments",
+        )  # fmt: skip
+
+    def _no_equilibrium(self, why: str, values: np.ndarray, hint: str, what: str = "residual") -> SimulationError:
+        """Say why, and at which node something (n, dim) is largest."""
+        node = int(np.square(values).sum(axis=1).argmax())
+        return SimulationError(
+            f"equilibrium of increment {self.body.points.increments + 1} not reached: {why}; largest {what} at node "
+            f"{node}, x = {self.body.coordinates[node].tolist()} m; {hint}",
+            node,
         )
 
     def _force(self, u: np.ndarray) -> np.ndarray:

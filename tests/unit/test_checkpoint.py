@@ -439,6 +439,18 @@ def test_a_cadence_that_makes_no_sense_is_refused(text, tmp_path, monkeypatch):
         Keeper(tmp_path / "x", {}, print)
 
 
+@pytest.mark.parametrize("cadence", ["off", "1000"])
+def test_a_signal_does_not_promise_a_checkpoint_that_is_not_there(cadence, tmp_path, monkeypatch):
+    monkeypatch.setenv(CADENCE, cadence)
+    monkeypatch.setattr(checkpoint, "_taken", lambda _: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+    run = SimpleNamespace(state=SimpleNamespace(time=7.0))
+    keeper = Keeper(tmp_path / "x", {}, print)
+    with pytest.raises(Interrupted, match=r"at t = 7 s; .* if any: no new one was written"), keeper.listening():
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(0.01)
+        keeper.offer(run)
+
+
 def test_a_signal_does_not_wait_for_ever(tmp_path, monkeypatch):
     monkeypatch.setattr(checkpoint, "GRACE", 0.05)
     before = signal.getsignal(signal.SIGTERM)

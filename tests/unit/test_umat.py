@@ -178,9 +178,12 @@ def test_a_step_without_equilibrium_leaves_the_history(library):
     x, _, body = user_body(library("j2.c"))
     fixed, right = held(x)
     increments = Increments(body, fixed, np.full(len(x), 1e-3), most_iterations=2, cuts=1)
-    with pytest.raises(SimulationError, match="increment 1 not reached"):
+    with pytest.raises(SimulationError, match=r"increment 1 not reached: .*; largest residual at node \d+, x = "):
         increments.step(np.zeros_like(x), stretched(x, right, 8e-3))
     assert body.points.increments == 0 and not body.points.state.any() and not body.points.stress.any()
+    increments = Increments(body, fixed, np.full(len(x), 1e-3), cuts=0, max_iterations=1)
+    with pytest.raises(SimulationError, match=r"in 1 iterations; largest residual at node \d+, x = .*; raise solver"):
+        increments.step(np.zeros_like(x), stretched(x, right, 8e-3))
 
 
 def test_increments_are_cut_where_the_material_asks_for_it(library):
