@@ -303,6 +303,10 @@ class Equilibrium:
         """Elastic energy in equilibrium, J: half the work of the forces that hold the body, without another sweep."""
         return -0.5 * float(np.sum(force * u))
 
+    def meet(self, force: np.ndarray) -> None:
+        """Take forces of an equilibrium, N (n, dim), into the reference of residuals."""
+        self.reference = self._scale(force)
+
     def _force(self, u: np.ndarray) -> np.ndarray:
         self.work.force_sweeps += 1
         return self.body.force(u)
