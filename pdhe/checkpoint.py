@@ -111,6 +111,7 @@ class Keeper:
         self.spent = 0.0
         self._due = time.monotonic() + self.every
         self._signal: int | None = None
+        self._at_once = False
         self._last: Run | None = None
 
     def load(self, case: Case) -> Run | None:
@@ -173,6 +174,17 @@ class Keeper:
             self.path.unlink()
 
     @contextlib.contextmanager
+    def at_once(self) -> Iterator[None]:
+        """Meanwhile a signal ends all at once: the run is at its end, and long ones have a checkpoint of it."""
+        if self.written:
+            self.keep()
+        self._at_once = True
+        try:
+            yield
+        finally:
+            self._at_once = False
+
+    @contextlib.contextmanager
     def listening(self) -> Iterator[None]:
         """Meanwhile SIGTERM and SIGINT wait for the next safe point, a while; a second one does not.
 
@@ -184,7 +196,7 @@ class Keeper:
             return
 
         def stop(number: int, _: Any) -> None:
-            if number == signal.SIGALRM or self._signal is not None:
+            if number == signal.SIGALRM or self._signal is not None or self._at_once:
                 reason = "without a new checkpoint; the same command goes on from the last one, if any"
                 raise _interrupted(self._signal or number, reason)
             self._signal = number

@@ -136,7 +136,10 @@ def _solve(
         kept = incomplete_of(path)
         error.contents.write(kept)
         raise SimulationError(f"{error}; what was computed so far is in {kept} (see `pdhe diagnose`)") from error
-    contents.attributes.update(made_by | (dict(remarks(contents)) if callable(remarks) else {}))
+    if callable(remarks):
+        with keeper.at_once():
+            made_by |= remarks(contents)
+    contents.attributes.update(made_by)
     try:
         contents.write(path)
     except OSError:

@@ -154,10 +154,10 @@ def _estimated(scene: Any, out: Path) -> Any:
     from pdhe.wholefile import check_place
 
     check_place(out)
-    compared = own_error(scene, progress)
 
     def remarks(contents: Any) -> dict[str, Any]:
-        told = compared.attributes(contents)
+        # Now, when the run itself has checkpoints to go on from: the one on a coarser mesh keeps none.
+        told = own_error(scene, progress).attributes(contents)
         expected = f"{100.0 * told['predicted_error']:.2g} %, " if "predicted_error" in told else ""
         progress(f"expected error of the mesh: {expected}{told['error_basis']}")
         return told

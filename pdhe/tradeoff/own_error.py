@@ -149,7 +149,7 @@ def own_error(scene: Scene, log: Log) -> OwnError:
     reason = "no coarser mesh fits the scene"
     for coarse in coarser_scenes(scene):
         ratio = coarse.mesh.spacing / scene.mesh.spacing
-        log(f"error estimate: to be compared with, first a run with {ratio:.3g} times the spacing")
+        log(f"error estimate: a run with {ratio:.3g} times the spacing, to compare with")
         try:
             case = mesh_case(coarse)
             values = quantities(compute(case), coarse)

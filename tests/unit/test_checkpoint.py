@@ -464,6 +464,28 @@ def test_a_signal_does_not_wait_for_ever(tmp_path, monkeypatch):
     assert signal.getsignal(signal.SIGTERM) is before
 
 
+def test_a_run_ended_while_its_error_is_estimated_goes_on_from_its_end(tmp_path, monkeypatch):
+    scene, nodes = problem("smoke", COARSE)
+    monkeypatch.setenv(CADENCE, "0")
+    solve_case(scene, nodes, tmp_path / "whole.nc", remarks=lambda _: {"error_basis": "none"})
+
+    def told(_):
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(5.0)
+
+    with pytest.raises(Interrupted, match="SIGTERM") as stop:
+        solve_case(scene, nodes, tmp_path / "run.nc", remarks=told)
+    assert stop.value.status == 143
+    assert [path.name for path in tmp_path.iterdir() if path.name.startswith("run")] == ["run.nc.checkpoint"]
+    lines, rounds = [], []
+    broken = simulation.moves.fail_until_stable
+    monkeypatch.setattr(simulation.moves, "fail_until_stable", lambda *a: (rounds.append(a), broken(*a))[1])
+    solve_case(scene, nodes, tmp_path / "run.nc", lines.append, remarks=lambda _: {"error_basis": "none"})
+    assert any(line.startswith(f"going on from t = {scene.time.end:.6g} s") for line in lines)
+    assert not rounds
+    assert (tmp_path / "run.nc").read_bytes() == (tmp_path / "whole.nc").read_bytes()
+
+
 def test_a_run_that_cannot_go_on_keeps_what_it_has(tmp_path, monkeypatch):
     """The solver is stopped in the seventh round: once for good, once not."""
     scene, nodes = problem("smoke", COARSE)
