@@ -4,8 +4,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import ValidationInfo
 
-from pdhe import formulas, units
 from pdhe import scene_fields as fields
+from pdhe import units
 from pdhe.scene_fields import Block, Reading, problem
 from pdhe.scene_tables import Table, table_of
 
@@ -21,12 +21,16 @@ class Formula(Block):
 
     def at(self, place: "np.ndarray") -> "np.ndarray":
         """Values at points (k, 2) or (k, 3), m; SI (k,)."""
+        from pdhe import formulas  # here, so that reading scenes without any does not load NumPy
+
         scale = 1.0 if self.unit is None else units.measure(f"1 {self.unit}")[0]
         return scale * formulas.value_at(self.expression, place)
 
     @property
     def coordinates(self) -> set[str]:
         """Those of x, y and z that it depends on."""
+        from pdhe import formulas
+
         return formulas.coordinates_of(self.expression)
 
 
@@ -52,6 +56,8 @@ def _by_place(plain: Any, *kinds: str) -> Reading:
         for key in value:
             if key not in ("expression", "unit"):
                 raise problem("is not a known key", f"a formula has `expression` and `unit`, {example}", str(key)[:60])
+        from pdhe import formulas
+
         if not isinstance(value.get("expression"), str):
             raise problem("is missing" if value.get("expression") is None else "must be text", example, "expression")
         _check_unit(value.get("unit"), kinds, example)

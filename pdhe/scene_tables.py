@@ -5,15 +5,16 @@ import re
 from collections.abc import Mapping
 from itertools import product
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from pdhe import scene_fields as fields
 from pdhe import units
 from pdhe.errors import SceneError
 from pdhe.scene_fields import Block, problem
 from pdhe.yamlfile import find_file, is_file
+
+if TYPE_CHECKING:
+    import numpy as np
 
 MOST_POINTS, LARGEST = 1000, 100_000
 """Most points of a table, and most characters of its file: a scene with its tables goes through a command line."""
@@ -30,9 +31,11 @@ class Table(Block):
     values: tuple[float, ...]
     unit: fields.Text | None = None
 
-    def at(self, place: np.ndarray) -> np.ndarray:
+    def at(self, place: "np.ndarray") -> "np.ndarray":
         """Values at points (k, 2) or (k, 3), m; SI (k,). A table of x and y is the same through the thickness."""
         scale = 1.0 if self.unit is None else units.measure(f"1 {self.unit}")[0]
+        import numpy as np  # here, so that reading scenes without tables does not load it
+
         points = np.array(self.points)
         return scale * interpolated(points, np.array(self.values), np.asarray(place, float)[:, : points.shape[1]])
 
@@ -42,12 +45,14 @@ class Table(Block):
         return set("xyz"[: len(self.points[0])])
 
 
-def interpolated(points: np.ndarray, values: np.ndarray, place: np.ndarray) -> np.ndarray:
+def interpolated(points: "np.ndarray", values: "np.ndarray", place: "np.ndarray") -> "np.ndarray":
     """Values (k,) at places (k, d) from those (m,) at points (m, d).
 
     Linear in each coordinate between the points of a grid, beyond it as on its border; where the points are no grid,
     that of the nearest one.
     """
+    import numpy as np
+
     axes = [np.unique(points[:, axis]) for axis in range(points.shape[1])]
     if math.prod(axis.size for axis in axes) != len(points):
         nearest = [int(np.argmin(np.sum((points - one) ** 2, axis=1))) for one in place]

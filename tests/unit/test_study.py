@@ -259,7 +259,7 @@ def test_thousand_cases_are_expanded_in_seconds(write):
 
 
 def test_reading_studies_loads_nothing_heavy():
-    heavy = "{'numba', 'gmsh', 'xarray', 'netCDF4', 'scipy.sparse', 'matplotlib'}"
+    heavy = "{'numpy', 'numba', 'gmsh', 'xarray', 'netCDF4', 'scipy.sparse', 'matplotlib'}"
     code = f"import sys, pdhe.study; pdhe.study.load_study(sys.argv[1]); assert not {heavy} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code, str(ROOT / "config/studies/smoke.yaml")], cwd=ROOT, check=True)
 
