@@ -157,7 +157,7 @@ def together_at(tolerance: float) -> float:
     """How far short of its resistance a bond may be and yet break with a critical one, given the solver's tolerance.
 
     Loads of mirror images differ by up to 1.4 tolerances on the plate of the thesis at 2.5 mm and 6 at 1.25 mm (theory,
-    section 5). This keeps a symmetric scene symmetric, and moves a failure by less than itself in resistance; above
+    eq. 6.2). This keeps a symmetric scene symmetric, and moves a failure by less than itself in resistance; above
     0.01 it would reach as far as the grouping of failures does.
     """
     return min(10.0 * tolerance, 0.01)

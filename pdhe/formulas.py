@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import math
 import re
+import warnings
 
 import numpy as np
 
@@ -85,7 +86,9 @@ def _tree(text: str) -> ast.expr:
         strange = _CHARACTERS.sub("", text)[:1]
         raise FormulaError(f"has the character {strange!r}, which no formula has")
     try:
-        tree = ast.parse(text, mode="eval").body
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SyntaxWarning)  # of text such as `1if`, which is refused below
+            tree = ast.parse(text, mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise FormulaError("is not a formula", "for example `0.3 + 20*x*(0.1 - y)`, with x and y in metres") from None
     if sum(1 for _ in ast.walk(tree)) > MOST_PARTS:

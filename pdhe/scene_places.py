@@ -56,11 +56,11 @@ def _by_place(plain: Any, *kinds: str) -> Reading:
         for key in value:
             if key not in ("expression", "unit"):
                 raise problem("is not a known key", f"a formula has `expression` and `unit`, {example}", str(key)[:60])
-        from pdhe import formulas
-
         if not isinstance(value.get("expression"), str):
             raise problem("is missing" if value.get("expression") is None else "must be text", example, "expression")
         _check_unit(value.get("unit"), kinds, example)
+        from pdhe import formulas
+
         try:
             formulas.coordinates_of(value["expression"])
         except formulas.FormulaError as error:

@@ -33,9 +33,9 @@ class Table(Block):
 
     def at(self, place: "np.ndarray") -> "np.ndarray":
         """Values at points (k, 2) or (k, 3), m; SI (k,). A table of x and y is the same through the thickness."""
-        scale = 1.0 if self.unit is None else units.measure(f"1 {self.unit}")[0]
         import numpy as np  # here, so that reading scenes without tables does not load it
 
+        scale = 1.0 if self.unit is None else units.measure(f"1 {self.unit}")[0]
         points = np.array(self.points)
         return scale * interpolated(points, np.array(self.values), np.asarray(place, float)[:, : points.shape[1]])
 

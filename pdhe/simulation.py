@@ -57,13 +57,13 @@ def solve_case(
     path: str | Path,
     progress: Progress | None = None,
     command: str = "",
-    remarks: Mapping[str, Any] | Remarks | None = None,
+    remarks: Remarks | None = None,
 ) -> None:
     """Run a scene and write its result file, which says what made it.
 
     While it runs, checkpoints are kept beside the result (:mod:`pdhe.checkpoint`); if there is one of this scene, these
     nodes and this code, the run goes on from there. ``command`` is the one that was given, ``remarks`` are further
-    attributes of the file, or give them for what the run came to.
+    attributes of the file, given what the run came to.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def solve_case(
         if pilot is not None:
             # Not part of the plan that the result keeps: it depends on the machine.
             log(f"expected time: {expected.seconds:.3g} s of processor time on one thread")
-        _solve(case, path, log, keeper, plan, command, remarks or {})
+        _solve(case, path, log, keeper, plan, command, remarks)
 
 
 def checkpoint_of(result: Path) -> Path:
@@ -116,7 +116,7 @@ def _solve(
     keeper: Keeper,
     plan: str,
     command: str,
-    remarks: Mapping[str, Any] | Remarks,
+    remarks: Remarks | None,
 ) -> None:
     scene = case.scene
     made_by = {
@@ -127,7 +127,6 @@ def _solve(
         "versions": json.dumps(versions(), sort_keys=True),
         "machine": machine(),
         "command": command,
-        **({} if callable(remarks) else remarks),
     }
     try:
         contents = _simulate(case, log, keeper)
@@ -136,7 +135,7 @@ def _solve(
         kept = incomplete_of(path)
         error.contents.write(kept)
         raise SimulationError(f"{error}; what was computed so far is in {kept} (see `pdhe diagnose`)") from error
-    if callable(remarks):
+    if remarks is not None:
         with keeper.at_once():
             made_by |= remarks(contents)
     contents.attributes.update(made_by)

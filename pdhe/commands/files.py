@@ -102,18 +102,17 @@ def verify(arguments: argparse.Namespace) -> None:
     from pdhe.store import check, reported, solutions_of, stored
 
     files = stored(arguments.results)
-    known = solutions_of(files)
-    problems = 0
-    for path, found in [*((path, check(path)) for path in files), *reported(arguments.results, known)]:
-        files += [path] if path not in files else []
+    problems, looked_at = 0, set()
+    for path, found in (*((path, check(path)) for path in files), *reported(arguments.results, solutions_of(files))):
+        looked_at.add(path)
         for problem in found:
             print(f"{path}: {problem}")
             problems += 1
     if problems:
         raise PdheError(
-            f"{problems} mismatch(es) in {len(files)} file(s); what is deleted, the workflow computes again"
+            f"{problems} mismatch(es) in {len(looked_at)} file(s); what is deleted, the workflow computes again"
         )
-    print(f"{len(files)} file(s) match")
+    print(f"{len(looked_at)} file(s) match")
 
 
 def gc(arguments: argparse.Namespace) -> None:

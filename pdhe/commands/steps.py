@@ -51,20 +51,14 @@ def run(arguments: argparse.Namespace) -> None:
     from pdhe.simulation import solve_case
 
     out = ready(arguments.out)
-    changes, remarks = _chosen(arguments.scene)
+    changes, told = _chosen(arguments.scene)
     scene = load_scene(arguments.scene, changes)
     try_user_material(scene, str(arguments.scene))
     mesh_file = out.with_suffix(".msh")
     make_mesh(scene.geometry, scene.mesh, mesh_file)
     command = shlex.join(["pdhe", "run", str(arguments.scene), "--out", str(out)])
-    solve_case(
-        scene,
-        discretize(mesh_file, scene.geometry, scene.mesh),
-        out,
-        progress,
-        command,
-        remarks or _estimated(scene, out),
-    )
+    remarks = (lambda _: told) if told else _estimated(scene, out)
+    solve_case(scene, discretize(mesh_file, scene.geometry, scene.mesh), out, progress, command, remarks)
 
 
 def choose(arguments: argparse.Namespace) -> None:

@@ -18,7 +18,7 @@ from typing import Any
 import numba
 from llvmlite import ir
 from numba import prange, types
-from numba.extending import intrinsic
+from numba.extending import intrinsic, register_jitable
 from numpy import int64, uint32, uint64
 
 from pdhe.kernels.jit import kernel
@@ -71,6 +71,21 @@ def saint_venant_kirchhoff(properties, h, energy, stress, tangent):
         tangent[10 * a + 5] += syy
 
 
+@register_jitable
+def _to_first_piola(h, stress):
+    """Turn the second Piola-Kirchhoff stress S of a solid into ``F S``, in place."""
+    for j in range(3):
+        # A column of F S needs the same column of S alone.
+        sx = stress[j]
+        sy = stress[3 + j]
+        sz = stress[6 + j]
+        for i in range(3):
+            stress[3 * i + j] = h[3 * i] * sx + h[3 * i + 1] * sy + h[3 * i + 2] * sz
+        stress[j] += sx
+        stress[3 + j] += sy
+        stress[6 + j] += sz
+
+
 def saint_venant_kirchhoff_solid(properties, h, energy, stress, tangent):
     """Stress linear in the Green-Lagrange strain, in space and isotropic: both constants of Lamé, Pa (2)."""
     lame = properties[0]
@@ -107,16 +122,7 @@ def saint_venant_kirchhoff_solid(properties, h, energy, stress, tangent):
                     if i == k:
                         value += stress[3 * j + n]
                     tangent[27 * i + 9 * j + 3 * k + n] = value
-    for j in range(3):
-        # A column of F S needs the same column of S alone.
-        sx = stress[j]
-        sy = stress[3 + j]
-        sz = stress[6 + j]
-        for i in range(3):
-            stress[3 * i + j] = h[3 * i] * sx + h[3 * i + 1] * sy + h[3 * i + 2] * sz
-        stress[j] += sx
-        stress[3 + j] += sy
-        stress[6 + j] += sz
+    _to_first_piola(h, stress)
 
 
 def saint_venant_kirchhoff_any(properties, h, energy, stress, tangent):
@@ -157,15 +163,7 @@ def saint_venant_kirchhoff_any(properties, h, energy, stress, tangent):
                             right = h[3 * k + q] + (1.0 if k == q else 0.0)
                             value += left * properties[low * (11 - low) // 2 + max(row, column)] * right
                     tangent[27 * i + 9 * j + 3 * k + n] = value
-    for j in range(3):
-        sx = stress[j]
-        sy = stress[3 + j]
-        sz = stress[6 + j]
-        for i in range(3):
-            stress[3 * i + j] = h[3 * i] * sx + h[3 * i + 1] * sy + h[3 * i + 2] * sz
-        stress[j] += sx
-        stress[3 + j] += sy
-        stress[6 + j] += sz
+    _to_first_piola(h, stress)
 
 
 @intrinsic

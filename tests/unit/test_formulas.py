@@ -193,3 +193,9 @@ def test_formulas_that_mean_nothing_are_refused(changes, key, text):
     with pytest.raises(SceneError, match=text) as error:
         case_of({"mesh.spacing": "10 mm"} | changes)
     assert error.value.key == key
+
+
+def test_what_python_warns_of_is_refused_without_a_word(recwarn):
+    with pytest.raises(FormulaError, match="is not a formula"):
+        coordinates_of("1if")
+    assert not recwarn.list
