@@ -28,7 +28,7 @@ bound that does not hold, an exception, a warning about arithmetic, no answer in
 Every run of a case is held to the same promises besides its own comparisons: all numbers finite, coverage within the
 bounds of its data, hydrogen that entered accounted for, damage from 0 to 1 and never healed, no energy from nowhere.
 `pdhe/extremes/` holds the cases, one line each; `tests/extremes/test_fuzz.py` holds random scenes to the same promises
-(a hundred with the tests, thousands with `--slow`)."""
+(250 with the tests, thousands with `--slow`)."""
 
 
 def gather(folders: Sequence[str | Path]) -> list[dict[str, Any]]:

@@ -338,6 +338,8 @@ def check(raw):
     assert not broken, broken
 
 
+#: With the tests 250 scenes are drawn: 8 s on one core once kernels are compiled. Another hundred of plain scenes would
+#: take as long again, half of it in near copies of one; those with everything have plain ones among them.
 FUZZ = {"deadline": None, "suppress_health_check": list(HealthCheck)}
 
 
@@ -355,7 +357,7 @@ def test_many_random_scenes_are_refused_or_keep_their_promises(raw):
 
 
 @given(richer_scenes())
-@settings(max_examples=40, derandomize=True, **FUZZ)
+@settings(max_examples=150, derandomize=True, **FUZZ)
 def test_random_scenes_with_everything_are_refused_or_keep_their_promises(raw):
     check(raw)
 
