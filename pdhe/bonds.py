@@ -66,6 +66,10 @@ class Lattice:
         result[self.offset, self.place(owner)] = values
         return result
 
+    def arranged(self, precision: np.dtype) -> int:
+        """Bytes of what :meth:`arrange` makes of values of that precision: padding is stored too."""
+        return self.step.size * self.node_count * precision.itemsize
+
     def place(self, nodes: np.ndarray) -> np.ndarray:
         """Where nodes and images are in the grid."""
         return nodes if self.padding is None else self.padding.place[nodes]

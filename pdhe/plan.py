@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pdhe.blocks import node_values
+from pdhe.bonds import Families
 from pdhe.case import Case
 from pdhe.damage import CRITERIA, stretch_squares
 from pdhe.errors import SceneError
@@ -142,33 +143,36 @@ def _lengths(case: Case) -> str:
 
 def bond_bytes(case: Case) -> int:
     """Memory of everything that is stored bond by bond."""
-    return sum(array.nbytes for _, array in _bond_arrays(case))
+    return sum(_by_bond(case).values())
 
 
-def _bond_arrays(case: Case) -> list[tuple[str, np.ndarray]]:
-    """What is stored bond by bond, by name."""
-    names = ("neighbours", "reverse", "length", "nx", "ny", "nz", "weight", "cut", "fineness", "horizons")
-    arrays = [(name, array) for name in names if (array := getattr(case.bonds, name, None)) is not None]
+def _by_bond(case: Case) -> dict[str, int]:
+    """Bytes of what a run stores bond by bond, by name; on a lattice some of it a second time, by offset."""
+    sizes = _of_families(case.bonds)
+    for name in ("reverse", "nx", "ny", "nz", "weight", "cut", "fineness"):
+        sizes[name] = getattr(getattr(case.bonds, name, None), "nbytes", 0)
     if case.body is not None:
-        arrays += [("weight over length cubed", case.body.cubed), ("intact", case.body.intact)]
-        arrays += [] if case.body.relative is None else [("relative stiffness", case.body.relative)]
+        sizes |= case.body.stored_by_bond()
     if case.diffusion is not None:
-        arrays.append(("rate", case.diffusion.rate))
+        sizes |= case.diffusion.stored_by_bond()
         if case.diffusion.bonds is not case.bonds:
-            bonds = case.diffusion.bonds
-            arrays += [("neighbours of diffusion", bonds.neighbours), ("length of diffusion", bonds.length)]
+            sizes |= {f"{name} of diffusion": size for name, size in _of_families(case.diffusion.bonds).items()}
     if case.rule is not None:
-        arrays.append(("may fail", case.rule.may_fail))
-        arrays += [("critical", values) for values in case.rule.squares if values is not case.bonds.fineness]
-    return arrays
+        sizes["may fail"] = case.rule.may_fail.nbytes
+        sizes["critical"] = sum(values.nbytes for values in case.rule.squares if values is not case.bonds.fineness)
+    return {name: size for name, size in sizes.items() if size}
+
+
+def _of_families(bonds: Families) -> dict[str, int]:
+    sizes = {"neighbours": bonds.neighbours.nbytes, "length": bonds.length.nbytes}
+    return sizes if bonds.lattice is None else sizes | {"offset": bonds.lattice.offset.nbytes}
 
 
 def _fields(case: Case) -> str:
     """Names of the fields that the run carries along; of absent physics there are none."""
     blocks = (("displacement", case.body), ("velocity", case.dynamics), ("damage", case.rule))
     by_node = [name for name, on in (*blocks, ("coverage", case.diffusion)) if on is not None]
-    by_bond = dict.fromkeys(name for name, array in _bond_arrays(case) if array.size)
-    return f"fields: {', '.join(by_node)} by node; {', '.join(by_bond)} by bond"
+    return f"fields: {', '.join(by_node)} by node; {', '.join(_by_bond(case))} by bond"
 
 
 def _mechanics(case: Case) -> str:

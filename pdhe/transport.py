@@ -77,6 +77,12 @@ class Diffusion:
                 b.offsets, b.neighbours, self.rate, self._sink, source, held, self.volume, dt, psi, new, supply
             )
 
+    def stored_by_bond(self) -> dict[str, int]:
+        """Bytes of what is kept bond by bond, by name, with what steps on a lattice make of the rates."""
+        grid = self.bonds.lattice
+        by_offset = {} if grid is None else {"rate by offset": grid.arranged(self.rate.dtype)}
+        return {"rate": self.rate.nbytes} | by_offset
+
     @cached_property
     def _by_offset(self) -> np.ndarray:
         return self.bonds.lattice.arrange(self.rate, self.bonds.owners())

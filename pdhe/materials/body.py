@@ -164,6 +164,11 @@ class Body(ABC):
         self._count_broken(np.arange(bonds.node_count, dtype=np.int32))
         self.broken_weight = self._weight_of(np.flatnonzero(bonds.cut))
 
+    def stored_by_bond(self) -> dict[str, int]:
+        """Bytes of what is kept bond by bond, beside the bonds themselves, by name."""
+        stored = {"weight over length cubed": self.cubed.nbytes, "intact": self.intact.nbytes}
+        return stored if self.relative is None else stored | {"relative stiffness": self.relative.nbytes}
+
     @property
     def can_be_indefinite(self) -> bool:
         """Whether some deformation might release energy, with these constants."""

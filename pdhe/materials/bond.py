@@ -39,6 +39,11 @@ class BondBody(Body):
         self.inverse = np.zeros(n)
         self._refresh(np.arange(n, dtype=np.int32))
 
+    def stored_by_bond(self) -> dict[str, int]:
+        """See :meth:`Body.stored_by_bond`; on a lattice weights are there by offset too."""
+        stored = super().stored_by_bond()
+        return stored if self._by_offset is None else stored | {"weight by offset": self._by_offset.nbytes}
+
     @property
     def can_be_indefinite(self) -> bool:
         """True where the tangential stiffness is negative: at large Poisson's ratios."""
