@@ -12,7 +12,7 @@ from typing import Annotated, Any, cast
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from pdhe import scene_fields as fields
-from pdhe.fidelity import LONG_RATIO, fill_in, usual_ratio
+from pdhe.fidelity import LONG_RATIO, fill_in, usual_ratio, usual_tolerance
 from pdhe.scene_blocks import (
     FIDELITIES,
     CoverageCondition,
@@ -92,7 +92,7 @@ class Scene(Block):
     hydrogen: Hydrogen | None = None
     time: Time
     stepping: Stepping = Stepping()
-    solver: Solver = Solver()
+    solver: Solver = Field(default=Solver(), validate_default=True)
     outputs: Outputs = Field(default=Outputs(), validate_default=True)
 
     @field_validator("horizon", mode="before")
@@ -104,6 +104,16 @@ class Scene(Block):
         # What the short horizon is worth has been measured with this model.
         measured = given["loads"] is None or given["mechanics"].model == "condensed rotation"
         return Horizon(ratio=usual_ratio(given["geometry"], given["mesh"], given["damage"] is None and measured))
+
+    @field_validator("solver", mode="after")
+    @classmethod
+    def _usual_tolerance(cls, solver: Solver, info: ValidationInfo) -> Solver:
+        given = info.data
+        if solver.tolerance is not None or not {"mechanics", "damage"} <= set(given):
+            return solver
+        # Measured at small strains.
+        tolerance = usual_tolerance(given["damage"] is not None and given["mechanics"].strain == "small")
+        return solver.model_copy(update={"tolerance": tolerance})
 
     @field_validator("outputs", mode="after")
     @classmethod

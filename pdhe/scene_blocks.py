@@ -610,14 +610,15 @@ class Stepping(Block):
 class Solver(Block):
     """How an equilibrium is found: relative residual at which it counts as found, and most iterations.
 
-    ``precision`` is that in which bond weights and diffusion rates are stored; sums are double in any case.
+    In a scene that gives no ``tolerance`` it is :func:`pdhe.fidelity.usual_tolerance`. ``precision`` is that in which
+    bond weights and diffusion rates are stored; sums are double in any case.
     """
 
     removed: ClassVar[dict[str, str]] = {
         "method": "leave it out: conjugate gradients find the same equilibria in 14 to 110 times fewer force sweeps"
     }
 
-    tolerance: fields.Tolerance = 1e-4
+    tolerance: fields.Tolerance | None = None
     max_iterations: fields.Count = 5000
     precision: Annotated[str, choice("double", "single")] = "double"
 

@@ -107,10 +107,10 @@ SCENES = {
     "half": ("mode_i_half", {"mesh.spacing": "10 mm", "outputs.every": None, "outputs.count": 12}, 29),
     "long diffusion steps": ("diffusion", SLAB, 9),
     "triangles": ("smoke", {**COARSE, "mesh.cells": "triangle"}, 37),
-    "graded": ("mode_i_graded", GRADED, 131),
+    "graded": ("mode_i_graded", GRADED, 101),
     "inertia": ("smoke", STRUCK, 1),
     "inertia in space": ("mode_i_solid", STRUCK | {"mesh.spacing": "2 mm", "time.end": "80 us"}, 1),
-    "in space": ("mode_i_solid", {"mesh.spacing": "2 mm", "time.end": "6 h", "outputs.count": 6}, 17),
+    "in space": ("mode_i_solid", {"mesh.spacing": "2 mm", "time.end": "6 h", "outputs.count": 6}, 11),
     "user material and hydrogen": (
         "plastic_hole",
         {

@@ -78,13 +78,17 @@ def test_a_failure_found_breaks_a_bond_even_a_rounding_error_below_its_resistanc
     assert state.broken_bonds > 0
 
 
-@pytest.mark.parametrize("factor", [1.0, 300.0])
-def test_it_does_not_matter_where_a_ramp_ends(factor, tmp_path):
-    ramp = loads({"0 s": "0 mm", f"{factor} h": f"{0.1 * factor} mm"})
-    plate = {"loads": ramp, "hydrogen": None, "time.end": f"{factor} h", "damage": {}, "outputs.count": 1}
-    plate["material.fracture_toughness"] = "20 MPa m^0.5"  # all of it breaks before 0.1 mm
-    result = simulate(case_of(tmp_path, **plate))
-    # Residuals are relative to forces that were there, not to those at the end, which the plate does not live to see.
-    assert result.broken_time.values.max() < 3600.0
-    # (otherwise 323 bonds and 1.561 J where it ends at 300 times the load); measured: 5e-8 apart.
-    assert (result.broken_time.size, float(result.fracture_energy[-1])) == (318, pytest.approx(1.5289816, rel=1e-6))
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-4])
+def test_it_does_not_matter_where_a_ramp_ends(tolerance, tmp_path):
+    found = []
+    for factor in (1.0, 300.0):
+        ramp = loads({"0 s": "0 mm", f"{factor} h": f"{0.1 * factor} mm"})
+        plate = {"loads": ramp, "hydrogen": None, "time.end": f"{factor} h", "damage": {}, "outputs.count": 1}
+        plate["material.fracture_toughness"] = "20 MPa m^0.5"  # all of it breaks before 0.1 mm
+        result = simulate(case_of(tmp_path, **plate, **{"solver.tolerance": tolerance}))
+        assert result.broken_time.values.max() < 3600.0
+        found.append((result.broken_time.size, float(result.fracture_energy[-1])))
+    # Residuals are relative to forces that were there, not to those at the end, which the plate does not live to see
+    # (otherwise 323 bonds and 1.561 J where it ends at 300 times the load). Measured: 2.7e-6 and 5e-8 apart.
+    assert found[0] == (318, pytest.approx(found[1][1], rel=0.1 * tolerance))
+    assert found[1][0] == 318
