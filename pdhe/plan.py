@@ -2,23 +2,34 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from pdhe.blocks import node_values
 from pdhe.bonds import Families
 from pdhe.case import Case
-from pdhe.damage import CRITERIA, stretch_squares
-from pdhe.errors import SceneError
+from pdhe.damage import CRITERIA, Candidates, nearest_failure, stretch_squares
+from pdhe.errors import SceneError, SimulationError
 from pdhe.forecast import Forecast, Pilot, make_forecast, motion_steps
 from pdhe.histories import corners_between, describe
+from pdhe.scene_blocks import Hydrogen
 from pdhe.scene_mirrors import whole_length
+from pdhe.solvers import Equilibrium
 from pdhe.supersteps import implicit_from
 from pdhe.transport import STEP_SAFETY, DiffusionStep
 
 #: Horizons that a pre-crack should be long, and spacings that hydrogen should reach, for either to be resolved.
 SHORT_CRACK, SHARP_FRONT = 3.0, 3.0
-#: A pilot that met less than this share of what breaks a bond says that the run will break none either.
+#: Times 2 sqrt(D t) that hydrogen does not get: coverage there is erfc(2), half a per cent of that at a plane edge.
+TOO_FAR = 2.0
+#: A pilot, or an elastic equilibrium, that met less than this share of what breaks a bond says that the run will break
+#: none either.
 FAR_FROM_FAILURE = 0.8
+#: Tolerance of such an equilibrium, and the most iterations that it may take.
+ROUGHLY, FEW = 1e-3, 100
+#: Share of what is prescribed below which the rest is round-off of what has been solved for.
+SAME_LOAD = 1e-9
 
 
 def make_plan(case: Case, pilot: Pilot | None = None, expected: Forecast | None = None) -> str:
@@ -72,7 +83,7 @@ def _cost(expected: Forecast, pilot: Pilot | None) -> list[str]:
 def warnings(case: Case, pilot: Pilot | None = None) -> list[str]:
     """What in a scene is likely not meant: cracks and fronts not resolved, loads and hydrogen without effect."""
     scene, found = case.scene, []
-    horizon, spacing = case.bonds.horizon, float(np.median(case.discretization.spacing))
+    horizon = case.bonds.horizon
     for crack in scene.geometry.cracks:
         if case.bonds.horizons is not None:
             horizon = float(case.bonds.horizons[case.discretization.node_sets[crack.name]].min())
@@ -102,23 +113,126 @@ def warnings(case: Case, pilot: Pilot | None = None) -> list[str]:
             f"loads turn between two load steps, at {listed} s, and the history goes straight on past it: take a "
             "`stepping.load_steps` that has steps there"
         )
-    if scene.hydrogen is not None:
-        diffusivity = scene.material.diffusivity
-        d, regions = case.discretization, scene.hydrogen.regions or ()
-        fastest = float(node_values(d.coordinates, d.node_sets, regions, diffusivity, "hydrogen.regions").max())
-        reach = 2.0 * float(np.sqrt(fastest * diffusivity * scene.time.end))
-        if reach < SHARP_FRONT * spacing:
-            found.append(
-                f"hydrogen gets {reach:.3g} m far by the end (2 sqrt(D t)), {reach / spacing:.2g} spacings: "
-                + ("nothing arrives" if reach < spacing else "its front is not resolved")
-                + "; make `time.end` longer or `mesh.spacing` finer"
-            )
-    if pilot is not None and pilot.largest_load is not None and pilot.largest_load < FAR_FROM_FAILURE:
+    reach = 0.0 if scene.hydrogen is None else _reach(case)
+    if scene.hydrogen is not None and reach < SHARP_FRONT * (wide := _spacing_at_sources(case)):
         found.append(
-            f"nothing breaks in a pilot on {pilot.nodes} nodes: loads reach {100.0 * pilot.largest_load:.3g} % of what "
-            "breaks a bond; without a `damage` block the run is cheaper"
+            f"hydrogen gets {reach:.3g} m far by the end (2 sqrt(D t)), {reach / wide:.2g} spacings: "
+            + ("nothing arrives" if reach < wide else "its front is not resolved")
+            + "; make `time.end` longer or `mesh.spacing` finer"
+        )
+    outlook = look_ahead(case)
+    if pilot is not None and pilot.largest_load is not None:
+        largest, where = pilot.largest_load, f"in a pilot on {pilot.nodes} nodes: loads reach"
+    else:
+        largest, where = outlook and outlook.largest, "in elastic equilibrium: loads reach"
+        where += "" if scene.hydrogen is None else ", with hydrogen everywhere,"
+    if outlook is not None and outlook.distance > TOO_FAR * reach:
+        found.append(
+            f"hydrogen does not arrive: it gets {reach:.3g} m far by the end (2 sqrt(D t)), and bonds that it can break"
+            f" begin {outlook.distance:.3g} m from where it enters; without it loads reach "
+            f"{100.0 * outlook.at_start:.3g} % of what breaks a bond: make `time.end` longer"
+        )
+    elif largest is not None and largest < FAR_FROM_FAILURE:
+        found.append(
+            f"nothing breaks {where} {100.0 * largest:.3g} % of what breaks a bond; "
+            "without a `damage` block the run is cheaper"
         )
     return found
+
+
+def _reach(case: Case) -> float:
+    """How far hydrogen gets by the end, 2 sqrt(D t), m, where it is fastest."""
+    d, diffusivity, hydrogen = case.discretization, case.scene.material.diffusivity, case.scene.hydrogen
+    relative = node_values(d.coordinates, d.node_sets, hydrogen.regions or (), diffusivity, "hydrogen.regions")
+    return 2.0 * float(np.sqrt(float(relative.max()) * diffusivity * case.scene.time.end))
+
+
+def _spacing_at_sources(case: Case) -> float:
+    """The widest of the spacings where hydrogen enters, m; the usual one of the plate where it enters nowhere."""
+    d = case.discretization
+    return max(
+        (float(np.median(d.spacing[d.node_sets[item.on]])) for item in case.scene.hydrogen.boundary),
+        default=float(np.median(d.spacing)),
+    )
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """What can break, from elastic equilibria.
+
+    Attributes
+    ----------
+    largest, at_start
+        Largest load over resistance that any bond can come to before one breaks, with as much hydrogen everywhere as
+        there can be anywhere, and with what there is at the start.
+    distance
+        From where hydrogen enters to the nearest bond that only hydrogen can break, m; zero where there is none.
+    """
+
+    largest: float
+    at_start: float
+    distance: float
+
+
+def look_ahead(case: Case) -> Outlook | None:
+    """Tell what can break.
+
+    As long as nothing does, displacements are linear in what is prescribed, so that one equilibrium for each of its
+    independent parts gives them all, and loads are largest at the corners of the histories (but for the exceptions of
+    :class:`pdhe.damage.Candidates`). Solvers of the run are left alone. None without damage, with inertia, where bodies
+    are not linear, and where an equilibrium is not found soon.
+    """
+    if case.rule is None or not isinstance(case.equilibrium, Equilibrium):
+        return None
+    d, conditions, end = case.discretization, case.conditions, case.scene.time.end
+    solver = Equilibrium(case.body, conditions.fixed, d.coordinates, d.spacing, ROUGHLY, FEW)
+    hydrogen, dense, initial = case.scene.hydrogen, None, None
+    if hydrogen is not None:
+        dense, initial = (np.full(d.volume.size, value) for value in (_densest(hydrogen), hydrogen.initial))
+    parts: list[tuple[np.ndarray, np.ndarray]] = []
+    largest = at_start = 0.0
+    weak = np.zeros(d.volume.size, bool)
+    for t in sorted({0.0, end, *(t for t in conditions.corners if 0.0 < t < end)}):
+        rest, u = conditions.values(t), np.zeros(d.coordinates.shape)
+        size = float(np.linalg.norm(rest))
+        for direction, response in parts:
+            share = float(np.vdot(direction, rest))
+            rest -= share * direction
+            u += share * response
+        left = float(np.linalg.norm(rest))
+        if left > SAME_LOAD * size:
+            try:
+                response = solver.solve(np.zeros_like(u), rest / left)[0]
+            except SimulationError:
+                return None
+            parts.append((rest / left, response))
+            u += left * response
+        largest = max(largest, nearest_failure(case.body, case.rule, u, dense))
+        if hydrogen is not None and largest >= 1.0:
+            at_start = max(at_start, nearest_failure(case.body, case.rule, u, initial))
+            critical = Candidates(case.body, case.rule, u, u, dense)
+            weak[critical.i] = weak[critical.j] = True
+    distance = 0.0
+    if weak.any() and at_start < 1.0 and (sources := _sources(case)).any():
+        from scipy.spatial import cKDTree
+
+        distance = float(cKDTree(d.coordinates[sources]).query(d.coordinates[weak])[0].min())
+    return Outlook(largest, at_start, distance)
+
+
+def _sources(case: Case) -> np.ndarray:
+    """Nodes where hydrogen enters from the start, bool (n,): at prescribed sets, and at faces that are saturated."""
+    d, hydrogen = case.discretization, case.scene.hydrogen
+    found = np.zeros(d.volume.size, bool)
+    for item in hydrogen.boundary:
+        found[d.node_sets[item.on]] |= max(item.coverage.values) > hydrogen.initial
+    return found if hydrogen.saturation is None else found | (case.body.damage() > hydrogen.saturation.damage)
+
+
+def _densest(hydrogen: Hydrogen) -> float:
+    """Largest coverage that the data of a scene allow."""
+    saturation = [] if hydrogen.saturation is None else [hydrogen.saturation.coverage]
+    return max([hydrogen.initial, *saturation, *(v for item in hydrogen.boundary for v in item.coverage.values)])
 
 
 def _symmetry(case: Case) -> list[str]:

@@ -191,7 +191,8 @@ def energy_from_nowhere(done: Run) -> float:
     """Elastic plus fracture energy beyond the work done, over the largest energy; both ways while nothing broke.
 
     Of a body that is only moved along, all energy is what the solver leaves: forces of its tolerance times the largest
-    there were, along the displacements.
+    there were, along the displacements. Correspondence models promise this only while nothing broke: what a break sets
+    free is less than what the bond had (docs/limits.md).
     """
     result, equilibrium = done.result, done.case.equilibrium
     work, elastic = result["external_work"].values, result["elastic_energy"].values
@@ -201,7 +202,8 @@ def energy_from_nowhere(done: Run) -> float:
     left = equilibrium.tolerance * equilibrium.reference * moved / ENERGY_BALANCE
     scale = float(max(np.abs(work).max(), elastic.max(), fracture.max(), left))
     gain = elastic + fracture - work
-    gain = np.where(broken > 0.0, gain, np.abs(gain))
+    torn = np.zeros_like(gain) if done.case.scene.mechanics.model == "correspondence" else gain
+    gain = np.where(broken > 0.0, torn, np.abs(gain))
     return float(gain.max()) / scale if scale > 0.0 else 0.0
 
 

@@ -17,7 +17,7 @@ from pdhe.discretization import discretize, write_discretization
 from pdhe.errors import PdheError
 from pdhe.forecast import PILOT_NODES, Pilot, make_forecast, pilot_scene
 from pdhe.mesh import make_mesh
-from pdhe.plan import bond_bytes, make_plan, warnings
+from pdhe.plan import bond_bytes, look_ahead, make_plan, warnings
 from pdhe.scene import Scene, load_scene
 from pdhe.simulation import fly_pilot, simulate
 from pdhe.verification.slabs import nodes_of
@@ -265,17 +265,27 @@ def test_bond_memory_is_what_a_run_holds(path, changes):
     assert f"bond memory {told / 1e6:.1f} MB" in make_plan(case)
 
 
+#: Hydrogen from the far edge, under loads that break bonds at the tip alone, and only where there is some of it.
+FROM_THE_RIGHT = {
+    "hydrogen.boundary": [{"on": "right", "coverage": 1}], "hydrogen.saturation": "off",
+    "loads": [{"on": on, "displacement": {"y": f"{sign}0.012 mm"}} for on, sign in SIDES],
+}  # fmt: skip
+PULL = [{"on": on, "displacement": {"y": f"{sign}0.02 mm"}} for on, sign in SIDES]
+
+
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
         ({"geometry.cracks": [{"name": "flaw", "from": ["0 mm", "50 mm"], "to": ["15 mm", "50 mm"]}],
           "hydrogen.boundary": [{"on": "flaw", "coverage": 1}]}, "crack 'flaw' is 1.2 horizons long"),
-        ({"time.end": "1 s", "outputs": {"count": 1}, "loads": [{"on": "top", "displacement": {"y": "0.02 mm"}}]},
+        ({"time.end": "1 s", "outputs": {"count": 1}, "loads": PULL},
          "nothing arrives"),
-        ({"time.end": "1e4 s", "outputs": {"count": 1}, "loads": [{"on": "top", "displacement": {"y": "0.02 mm"}}]},
+        ({"time.end": "1e4 s", "outputs": {"count": 1}, "loads": PULL},
          "front is not resolved"),
         ({"mechanics.model": "correspondence"}, "twice the energy they should"),
         ({"horizon.ratio": 2.015}, "nodes there have a damage of 0.333 (median)"),
+        ({"time.end": "1e6 s", "outputs": {"count": 1}, **FROM_THE_RIGHT}, "hydrogen does not arrive"),
+        ({"loads": [{"on": on, "displacement": {"y": f"{sign}1e-3 mm"}} for on, sign in SIDES]}, "nothing breaks in"),
     ],
 )  # fmt: skip
 def test_warnings(overrides, words):
@@ -286,6 +296,50 @@ def test_warnings(overrides, words):
     assert f"warning: {found}" in make_plan(case)
 
 
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        {},
+        {"geometry.cracks": [{"name": "flaw", "from": ["0 mm", "50 mm"], "to": ["40 mm", "50 mm"]}],
+         "hydrogen.boundary": [{"on": "flaw", "coverage": 1}]},
+        {"time.end": "5e4 s", "outputs": {"count": 1}, "loads": PULL},
+        {"mechanics.model": "correspondence", "damage.criterion": "energy"},
+        {"horizon.ratio": 2.015, "hydrogen.saturation": {"damage": 0.3, "coverage": 1}},
+        {"time.end": "3e6 s", "outputs": {"count": 1}, **FROM_THE_RIGHT},
+        {"time.end": "1e6 s", "outputs": {"count": 1}, **FROM_THE_RIGHT,
+         "hydrogen.saturation": {"damage": 0.3, "coverage": 1}},
+        {"loads": [{"on": on, "displacement": {"y": f"{sign}0.01 mm"}} for on, sign in SIDES]},
+    ],
+    ids=["main", "long crack", "sharp front", "correspondence", "faces", "arrives", "wet faces", "half the load"],
+)  # fmt: skip
+def test_no_warnings_where_all_is_well(overrides):
+    """The counterparts of the above, each not far on the other side."""
+    scene = load_scene(SCENE, {"mesh.spacing": "4 mm", **overrides})
+    assert warnings(build_case(scene, lattice_nodes(scene))) == []
+
+
+def test_the_front_is_that_where_hydrogen_enters(tmp_path):
+    """On a graded mesh: 4 mm are many spacings from the notch, and one from the edge."""
+    near = {"mesh.refine": [{"around": "notch", "spacing": "1 mm", "within": "3 mm"}], "time.end": "5e3 s",
+            "outputs.count": 1, "loads": PULL}  # fmt: skip
+    fine = load_scene(GRADED_SCENE, near)
+    nodes = nodes_of(fine)
+    assert warnings(build_case(fine, nodes)) == []
+    both = [{"on": "notch", "coverage": 1}, {"on": "right", "coverage": 1}]
+    (found,) = warnings(build_case(load_scene(GRADED_SCENE, near | {"hydrogen.boundary": both}), nodes))
+    assert "spacings: its front is not resolved" in found
+
+
+SMALL_SCENES = ("bent_strip", "crack_near_hole", "diffusion", "elastic", "inclined_crack", "mode_i_graded",
+                "offset_cracks", "smoke")  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SMALL_SCENES)
+def test_scenes_that_come_along_have_no_warnings(name):
+    scene = load_scene(SCENE.with_name(f"{name}.yaml"))
+    assert warnings(build_case(scene, nodes_of(scene))) == []
+
+
 def test_a_scene_whose_loads_break_nothing_is_warned_about():
     scene = load_scene(SCENE, {"mesh.spacing": "1 mm", "time.end": "3e4 s", "outputs": {"count": 1}})
     content = scene.resolved()
@@ -294,6 +348,71 @@ def test_a_scene_whose_loads_break_nothing_is_warned_about():
     pilot = fly_pilot(case.scene, case.discretization.volume.size)
     (found,) = warnings(case, pilot)
     assert "nothing breaks in a pilot on 800 nodes" in found
+
+
+def pulled(amount, **more):
+    """The small scene pulled to ``amount``, m, with changes."""
+    loads = [{"on": on, "displacement": {"y": {"0 s": "0 m", "4e6 s": f"{sign}{amount!r} m"}}} for on, sign in SIDES]
+    scene = load_scene(SMOKE, {"loads": loads} | more)
+    return build_case(scene, lattice_nodes(scene))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"hydrogen": None},
+        {},
+        {"hydrogen.boundary": [{"on": "notch", "coverage": 0.3}], "hydrogen.saturation": "off"},
+        {"hydrogen": None, "mechanics.model": "state-based"},
+        {"hydrogen": None, "stepping": {"mode": "fixed", "load_steps": 4, "diffusion_substeps": 1}},
+    ],
+    ids=["dry", "wet", "half wet", "state-based", "fixed steps"],
+)
+def test_loads_far_below_any_failure_are_warned_about_on_small_plates_too(changes):
+    breaking = 1e-5 / look_ahead(pulled(1e-5, **changes)).largest
+    assert 1e-6 < breaking < 1e-3
+    for share, told in ((1e-3, "0.1 %"), (0.5, "50 %")):
+        case = pulled(share * breaking, **changes)
+        (found,) = warnings(case)
+        assert found.startswith("nothing breaks in elastic equilibrium: loads reach") and f" {told} " in found
+        assert f"warning: {found}" in make_plan(case)
+        assert ("with hydrogen everywhere" in found) == (case.diffusion is not None)
+        assert case.equilibrium.work.force_sweeps == 0, "the run has its own solver"
+    assert warnings(pulled(1.2 * breaking, **changes)) == []
+
+
+def test_that_warning_is_right():
+    """It is the very load at which the run breaks its first bond, known to the tolerance of both (measured 1e-3)."""
+    breaking = 1e-5 / look_ahead(pulled(1e-5, hydrogen=None)).largest
+    for share, breaks in ((0.99, False), (1.01, True)):
+        result = simulate(pulled(share * breaking, hydrogen=None))
+        assert (result.broken_bonds.values[-1] > 0) == breaks
+        if not breaks:
+            assert result.largest_load.values.max() == pytest.approx(share, rel=5e-3)
+
+
+def test_the_look_ahead_of_several_histories_is_that_of_the_run():
+    """Not proportional: the most that any corner has, from one equilibrium for each of three parts."""
+    loads = [
+        {"on": "top", "displacement": {"y": {"0 s": "0 m", "1e6 s": "2e-6 m", "2e6 s": "-1e-6 m"}, "x": "1e-6 m"}},
+        {"on": "bottom", "displacement": {"y": "0 m", "x": {"0 s": "0 m", "3e6 s": "2e-6 m"}}},
+    ]
+    scene = load_scene(SMOKE, {"loads": loads, "hydrogen": None})
+    case = build_case(scene, lattice_nodes(scene))
+    told = look_ahead(case)
+    largest = simulate(case).largest_load.values
+    assert largest.size > 4 and largest.max() > 1.2 * largest[-1] > 0.0
+    assert told.largest == pytest.approx(largest.max(), rel=5e-3)
+
+
+def test_loads_that_no_elastic_equilibrium_tells_of_are_not_warned_about():
+    elastic = load_scene(SMOKE, {"damage": None, "hydrogen": None})
+    assert look_ahead(build_case(elastic, lattice_nodes(elastic))) is None
+    moving = {"stepping": {"mode": "dynamic"}, "hydrogen": None, "time.end": "1 us", "outputs.count": 1,
+              "loads": [{"on": "top", "velocity": {"y": "1 m/s"}}]}  # fmt: skip
+    scene = load_scene(SMOKE, moving)
+    case = build_case(scene, lattice_nodes(scene))
+    assert case.rule is not None and look_ahead(case) is None and warnings(case) == []
 
 
 def test_the_main_scene_has_no_warnings(flown):
