@@ -218,9 +218,10 @@ def _parser() -> argparse.ArgumentParser:
         folder,
     )
     measured = option("folders", nargs="+", type=Path, metavar="FOLDER", help="folder of a measured scene")
-    picture, numbers = file("--picture", help="picture to write"), file("--csv", help="table of all runs to write")
+    pictures = file("--picture", help="picture of work to write"), file("--costs", help="picture of time and memory")
+    numbers = file("--csv", help="table of all runs to write")
     models = file("--models", help="orders of convergence to write, for `pdhe choose`", required=False)
-    add(tradeoff_page, measured, file("--out", help="page to write"), picture, numbers, tables, models)
+    add(tradeoff_page, measured, file("--out", help="page to write"), *pictures, numbers, tables, models)
     source = option("source", type=Path, metavar="SOURCE", help=".c, .f, .for, .f90 or a compiled .so")
     library = file("--out", help="library to write; printed where it is when not given", required=False)
     add(umat_build, source, option("--content", metavar="DIGEST", help="refuse a source with another digest"), library)

@@ -102,14 +102,15 @@ def trade(arguments: argparse.Namespace) -> None:
 
 
 def tradeoff_page(arguments: argparse.Namespace) -> None:
-    """Gather the scenes of a design in one picture, one table and one page."""
-    from pdhe.tradeoff.page import as_csv, as_html, as_markdown, draw, gather, models_of
+    """Gather the scenes of a design: pictures of work and of other costs, one table and one page."""
+    from pdhe.tradeoff.page import as_csv, as_html, as_markdown, draw, draw_costs, gather, models_of
 
     scenes = gather(arguments.folders)
     draw(scenes, ready(arguments.picture))
+    draw_costs(scenes, ready(arguments.costs))
     made = _made_by("pdhe.tradeoff.page", arguments.command)
     write(arguments.csv, as_csv(scenes), made)
-    write(arguments.out, as_html(scenes, arguments.picture), made)
+    write(arguments.out, as_html(scenes, (arguments.picture, arguments.costs)), made)
     if arguments.markdown:
         write(arguments.markdown, as_markdown(scenes))
     if arguments.models:

@@ -30,6 +30,8 @@ _KEYS = (
     "title",
     "scene",
     "set",
+    "variants",
+    "symmetric",
     "quantities",
     "also",
     "failure",
@@ -75,6 +77,12 @@ class Trade:
         Settings of the runs that the reference is extrapolated from, and their ``spacings``, coarse to fine.
     spacings
         Spacings at which the defaults and the settings ``together`` are run; the knobs by themselves at ``knobs_at``.
+    variants
+        Further versions of the scene by name, overrides by dotted key. Every setting is run in all of them and in the
+        scene itself, each against its own limit: where errors scatter, one scene is right by chance too often.
+    symmetric
+        Whether the scene is its own mirror image across its mid-height. Settings with which the broken bonds of a
+        lattice are not, on any mesh, are no part of the front.
     """
 
     name: str
@@ -90,20 +98,28 @@ class Trade:
     together: tuple[dict[str, Any], ...] = ()
     changes: dict[str, Any] = field(default_factory=dict)
     also: tuple[str, ...] = ()
+    variants: dict[str, dict[str, Any]] = field(default_factory=dict)
+    symmetric: bool = False
 
     @property
     def all_quantities(self) -> tuple[str, ...]:
         """What is computed of every run."""
         return self.quantities + self.also
 
-    def load(self, run: Run | None = None) -> Scene:
+    @property
+    def versions(self) -> dict[str, dict[str, Any]]:
+        """All versions of the scene by name: overrides of the scene itself, named "", and of its variants."""
+        return {"": self.changes} | {name: self.changes | changes for name, changes in self.variants.items()}
+
+    def load(self, run: Run | None = None, version: str = "") -> Scene:
         """The scene of a run; of the defaults at the first spacing without one."""
-        return load_scene(self.scene, self.changes | (run.changes if run else {"mesh.spacing": self.spacings[0]}))
+        settings = run.changes if run else {"mesh.spacing": self.spacings[0]}
+        return load_scene(self.scene, self.versions[version] | settings)
 
     def identity(self) -> str:
         """Digest of all that the measurement depends on but the code."""
         block = {name: value for name, value in vars(self).items() if name not in ("file", "title")}
-        return digest(block | {"base": self.load().resolved()})
+        return digest(block | {"base": {name: self.load(version=name).resolved() for name in self.versions}})
 
     def runs(self) -> list[Run]:
         """All runs, those of the reference first; a setting that is listed both by itself and together is run once."""
@@ -118,8 +134,6 @@ class Trade:
             yield Run(f"{spacing}, tight", "reference", {"mesh.spacing": spacing, **finest})
         for spacing in self.spacings:
             yield Run(spacing, "default", {"mesh.spacing": spacing})
-            for changes in self.together:
-                yield Run(f"{spacing}, {_told(changes)}", "together", {"mesh.spacing": spacing, **changes})
         for name in FIDELITIES:
             yield Run(name, "fidelity", {"fidelity": name, "mesh.spacing": None})
         for spacing in self.knobs_at:
@@ -128,6 +142,9 @@ class Trade:
                     # A setting that takes several keys is written as a block of them.
                     changes = dict(value) if isinstance(value, dict) else {key: value}
                     yield Run(f"{spacing}, {_told(changes)}", key, {"mesh.spacing": spacing, **changes})
+        for spacing in self.spacings:
+            for changes in self.together:
+                yield Run(f"{spacing}, {_told(changes)}", "together", {"mesh.spacing": spacing, **changes})
 
 
 def load_trades(config: Mapping[str, Any], configfiles: Iterable[str | Path] = ()) -> dict[str, Trade]:
@@ -193,8 +210,11 @@ def _trade(file: str, name: str, block: Any) -> Trade:
         float(block.get("failure", 0.0)), reference, tuple(block["spacings"]), dict(block.get("knobs") or {}),
         tuple(block.get("knobs_at") or block["spacings"]), tuple(block.get("together") or ()),
         dict(block.get("set") or {}), tuple(block.get("also") or ()),
+        {str(key): dict(changes) for key, changes in dict(block.get("variants") or {}).items()},
+        bool(block.get("symmetric", False)),
     )  # fmt: skip
-    trade.load()  # an error in the scene stops everything before it starts, as one in the lists of settings does
+    for version in trade.versions:
+        trade.load(version=version)  # an error in a scene stops everything before it starts, as one in the lists does
     trade.runs()
     return trade
 

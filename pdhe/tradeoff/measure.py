@@ -1,4 +1,4 @@
-"""Run one scene of the design: error and cost of every setting, one after the other in one process."""
+"""Run one scene of the design, and its variants: error and cost of every setting, one by one in one process."""
 
 from __future__ import annotations
 
@@ -27,27 +27,30 @@ from pdhe.scene import Scene
 from pdhe.simulation import Progress, simulate
 from pdhe.tradeoff.design import QUANTITIES, Run, Trade
 from pdhe.tradeoff.front import excess
-from pdhe.tradeoff.quantities import Limit, limit_of, values_of
+from pdhe.tradeoff.quantities import Limit, asymmetry, limit_of, values_of
 from pdhe.verification.report import Report, Row
 from pdhe.verification.slabs import nodes_of
 
 #: Runs shorter than this, s, are repeated, and the shortest time counts: the first one may have to load its kernels.
+#: With variants there is a mean to rely on instead.
 SHORT = 3.0
 REPEATS = 2
 
 TEXT = """\
-{runs} runs of `{scene}`, {changed}.
+{runs} settings of `{scene}`, {changed}{versions}.
 The reference is the limit at zero spacing, extrapolated from the {ladder} runs in the group `reference`, with settings
 that are tighter than any other. A quantity's uncertainty is by how much its limit moves when one of their meshes is
 left out: {uncertainties}.
 The error of a run is the largest among {headline}; each is the mean distance from its
-reference, relative to the reference's largest value.
+reference, relative to the reference's largest value{mean}.
 
 Work is counted: sweeps over all bonds times directed bonds, forces and diffusion together; it is the same on every
 machine. Times are processor times of one thread, set-up and output included, and mean something only in relation to
 each other. Memory is the peak above what the process held before. `excess` is the work over that of the cheapest run
-that is no less accurate, 1 on the front; errors below the reference's uncertainty, {uncertainty}, are not told
-apart."""
+that is no less accurate in any of these quantities, 1 on the front; errors below a reference's uncertainty are not
+told apart.{barred}"""
+BARRED = """ The scene is symmetric: settings with which, on some mesh, a bond broke and its mirror image did not
+are left out of the front, and marked."""
 
 
 @dataclass
@@ -69,6 +72,12 @@ class Outcome:
     problem: str = ""
 
     headline: tuple[str, ...] = ()
+    #: Share of the broken bonds whose mirror image is whole, in a symmetric scene; the largest of the versions.
+    asymmetry: float = 0.0
+    #: Whether its setting is no part of the front, because of that on this mesh or another.
+    barred: bool = False
+    #: Least and largest error among the versions of the scene, where this outcome is their mean.
+    spread: tuple[float, float] = (np.nan, np.nan)
 
     @property
     def error(self) -> float:
@@ -77,49 +86,65 @@ class Outcome:
 
 
 def measure(trade: Trade, progress: Progress | None = None) -> Report:
-    """Run a scene with all settings of its design."""
-    outcomes = outcomes_of(trade, progress or (lambda text: None))
-    limits = limits_of(trade, outcomes)
-    for outcome in outcomes:
-        outcome.errors = {name: limits[name].error(value) for name, value in outcome.values.items()}
-    uncertainty = max(limits[name].uncertainty for name in trade.quantities)
-    table = table_of(outcomes, uncertainty)
+    """Run all versions of a scene with all settings of its design."""
+    found: dict[str, list[Outcome]] = {}
+    limits: dict[str, dict[str, Limit]] = {}
+    for version in trade.versions:
+        found[version] = outcomes_of(trade, version, progress or (lambda text: None))
+        limits[version] = limits_of(trade, found[version])
+        for outcome in found[version]:
+            outcome.errors = {name: limits[version][name].error(value) for name, value in outcome.values.items()}
+    outcomes = [_mean(versions) for versions in zip(*found.values(), strict=True)]
+    doubt = {
+        name: float(np.mean([limits[version][name].uncertainty for version in limits])) for name in trade.all_quantities
+    }
+    uncertainty = max(doubt[name] for name in trade.quantities)
+    floors = np.array([doubt[name] for name in trade.quantities])
+    table = table_of(outcomes, floors)
+    several = len(found) > 1
     text = TEXT.format(
         runs=len(outcomes), scene=trade.scene, ladder=len(trade.reference["spacings"]),
         changed="changed as the design says" if trade.changes else "as it is",
+        versions=f", each run in {len(found)} versions (the scene, {', '.join(trade.variants)})" if several else "",
         headline=", ".join(QUANTITIES[name] for name in trade.quantities),
-        uncertainty=f"{100 * uncertainty:.2g} %",
-        uncertainties=", ".join(
-            f"{QUANTITIES[name]} {100 * limit.uncertainty:.2g} %" for name, limit in limits.items()
-        ),
+        mean=".\nErrors, work and times are means over the versions" if several else "",
+        barred=BARRED if trade.symmetric else "",
+        uncertainties=", ".join(f"{QUANTITIES[name]} {100 * value:.2g} %" for name, value in doubt.items()),
     )  # fmt: skip
-    rows = [*_reference_rows(limits, uncertainty), *_front_rows(table)]
-    return Report(trade.name, trade.title, text, rows, None, {"runs": table, "limits": limit_table(limits)})
+    rows = [*_reference_rows(limits, doubt, uncertainty), *_front_rows(table)]
+    tables = {"runs": table, "limits": limit_table(limits)}
+    if several:
+        tables["versions"] = [
+            {"version": version, **row} for version in found for row in table_of(found[version], floors)
+        ]
+    return Report(trade.name, trade.title, text, rows, None, tables)
 
 
-def outcomes_of(trade: Trade, progress: Progress) -> list[Outcome]:
-    """Run everything in sequence; a run that cannot go on is kept with its message."""
+def outcomes_of(trade: Trade, version: str, progress: Progress) -> list[Outcome]:
+    """Run every setting of a version in sequence; a run that cannot go on is kept with its message."""
     nodes: dict[str, Discretization] = {}
     _warm_up(trade)
     outcomes = []
     for run in trade.runs():
-        scene = trade.load(run)
+        scene = trade.load(run, version)
         key = digest(scene.resolved()["mesh"])
         if key not in nodes:
             nodes[key] = nodes_of(scene)
         outcome = Outcome(run, scene, headline=trade.quantities)
         try:
-            result = _timed(outcome, nodes[key])
+            result = _timed(outcome, nodes[key], 1 if trade.variants else REPEATS)
             outcome.values = values_of(result, scene, trade.all_quantities, trade.failure)
+            outcome.asymmetry = asymmetry(result, nodes[key].coordinates) if trade.symmetric else 0.0
         except PdheError as error:
             outcome.problem = str(error)
         outcomes.append(outcome)
-        progress(f"{run.name}: {outcome.problem or f'{outcome.seconds:.3g} s, work {outcome.work:.3g}'}")
+        told = outcome.problem or f"{outcome.seconds:.3g} s, work {outcome.work:.3g}"
+        progress(f"{f'{version}: ' if version else ''}{run.name}: {told}")
     return outcomes
 
 
 def limits_of(trade: Trade, outcomes: Sequence[Outcome]) -> dict[str, Limit]:
-    """Limit of each quantity at zero spacing."""
+    """Limit of each quantity of one version at zero spacing."""
     ladder = [outcome for outcome in outcomes if outcome.run.group == "reference"]
     for outcome in ladder:
         if outcome.problem:
@@ -132,11 +157,31 @@ def limits_of(trade: Trade, outcomes: Sequence[Outcome]) -> dict[str, Limit]:
     }
 
 
-def table_of(outcomes: Sequence[Outcome], uncertainty: float) -> list[dict[str, Any]]:
-    """One row a run: settings, errors, cost."""
-    points = [(outcome.work, outcome.error) for outcome in outcomes]
+def _mean(versions: Sequence[Outcome]) -> Outcome:
+    """One setting in all versions of the scene: means of errors and costs, the largest memory, the first problem."""
+    first = versions[0]
+    if len(versions) == 1:
+        return first
+    problem = next((outcome.problem for outcome in versions if outcome.problem), "")
+    found = Outcome(first.run, first.scene, headline=first.headline, problem=problem)
+    for name in ("nodes", "bonds", "work", "force_sweeps", "diffusion_sweeps", "seconds", "file"):
+        setattr(found, name, float(np.mean([getattr(outcome, name) for outcome in versions])))
+    found.asymmetry = max(outcome.asymmetry for outcome in versions)
+    found.memory = max(outcome.memory for outcome in versions)
+    if not problem:
+        found.errors = {name: float(np.mean([outcome.errors[name] for outcome in versions])) for name in first.errors}
+        found.spread = (min(outcome.error for outcome in versions), max(outcome.error for outcome in versions))
+    return found
+
+
+def table_of(outcomes: Sequence[Outcome], floors: np.ndarray) -> list[dict[str, Any]]:
+    """One row a run: settings, errors, cost; errors of what counts are not told apart below ``floors``."""
+    _bar(outcomes)
+    errors = [[outcome.errors.get(name, np.nan) for name in outcome.headline] for outcome in outcomes]
+    eligible = [not outcome.barred for outcome in outcomes]
     rows = []
-    for outcome, over in zip(outcomes, excess(points, uncertainty), strict=True):
+    found = excess([outcome.work for outcome in outcomes], np.array(errors), floors, eligible)
+    for outcome, over in zip(outcomes, found, strict=True):
         rows.append(
             {
                 "run": outcome.run.name,
@@ -145,6 +190,8 @@ def table_of(outcomes: Sequence[Outcome], uncertainty: float) -> list[dict[str, 
                 "nodes": outcome.nodes,
                 "bonds": outcome.bonds,
                 "error": outcome.error,
+                "least error": outcome.spread[0],
+                "largest error": outcome.spread[1],
                 **{f"error {name}": value for name, value in _all_errors(outcome, outcomes).items()},
                 "work": outcome.work,
                 "force sweeps": outcome.force_sweeps,
@@ -153,20 +200,35 @@ def table_of(outcomes: Sequence[Outcome], uncertainty: float) -> list[dict[str, 
                 "peak memory [B]": outcome.memory,
                 "file [B]": outcome.file,
                 "excess": over,
-                "front": bool(over <= 1.0),
+                "front": bool(over <= 1.0) and not outcome.barred,
+                "asymmetry": outcome.asymmetry,
+                "barred": outcome.barred,
                 "problem": outcome.problem,
             }
         )
     return rows
 
 
-def limit_table(limits: dict[str, Limit]) -> list[dict[str, Any]]:
-    """The reference itself, SI: one row an entry of a quantity."""
+def limit_table(limits: dict[str, dict[str, Limit]]) -> list[dict[str, Any]]:
+    """The references themselves, SI: one row an entry of a quantity of a version."""
     return [
-        {"quantity": name, "entry": k, "value": float(value), "order": limit.order, "uncertainty": limit.uncertainty}
-        for name, limit in limits.items()
+        {"version": version, "quantity": name, "entry": k, "value": float(value), "order": limit.order,
+         "uncertainty": limit.uncertainty}
+        for version, found in limits.items()
+        for name, limit in found.items()
         for k, value in enumerate(limit.value)
-    ]
+    ]  # fmt: skip
+
+
+def _bar(outcomes: Sequence[Outcome]) -> None:
+    """Keep settings off the front with which a symmetric scene broke asymmetrically, on whatever mesh."""
+    lopsided = {_setting(outcome) for outcome in outcomes if outcome.asymmetry > 0.0}
+    for outcome in outcomes:
+        outcome.barred = _setting(outcome) in lopsided
+
+
+def _setting(outcome: Outcome) -> str:
+    return digest({key: value for key, value in outcome.run.changes.items() if key != "mesh.spacing"})
 
 
 def _all_errors(outcome: Outcome, outcomes: Sequence[Outcome]) -> dict[str, float]:
@@ -181,9 +243,9 @@ def _warm_up(trade: Trade) -> None:
         simulate(build_case(scene, nodes_of(scene)))
 
 
-def _timed(outcome: Outcome, nodes: Discretization) -> xr.Dataset:
+def _timed(outcome: Outcome, nodes: Discretization, repeats: int) -> xr.Dataset:
     """Run a scene as often as its shortness asks for, and note what it cost."""
-    for repeat in range(REPEATS):
+    for repeat in range(repeats):
         before = _reset_peak()
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "result.nc"
@@ -216,15 +278,15 @@ def _reset_peak() -> int:
     return peak_memory()
 
 
-def _reference_rows(limits: dict[str, Limit], uncertainty: float) -> list[Row]:
+def _reference_rows(limits: dict[str, dict[str, Limit]], doubt: dict[str, float], uncertainty: float) -> list[Row]:
     rows = [Row("reference: uncertainty", np.nan, uncertainty, kind="shown", reason="of what counts")]
-    for name, limit in limits.items():
-        what = QUANTITIES[name]
+    for name, value in doubt.items():
+        found, what = [version[name] for version in limits.values()], QUANTITIES[name]
         rows += [
-            Row(f"reference, {what}: uncertainty", np.nan, limit.uncertainty, kind="shown",
+            Row(f"reference, {what}: uncertainty", np.nan, value, kind="shown",
                 reason="how far the limit moves when a mesh is left out"),
-            Row(f"reference, {what}: distance of the finest mesh", np.nan, limit.finest, kind="shown",
-                reason=f"order {limit.order:.2g}"),
+            Row(f"reference, {what}: distance of the finest mesh", np.nan, float(np.mean([x.finest for x in found])),
+                kind="shown", reason=f"order {', '.join(f'{x.order:.2g}' for x in found)}"),
         ]  # fmt: skip
     return rows
 

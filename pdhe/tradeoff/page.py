@@ -1,4 +1,4 @@
-"""All scenes of the design together: one picture, one table, one file of numbers, and a page."""
+"""All scenes of the design together: a picture of work and one of time and memory, tables, numbers, and a page."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import html
 import io
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import median_low
 from typing import TYPE_CHECKING, Any
@@ -29,7 +30,24 @@ if TYPE_CHECKING:
 _KIND_BY_QUANTITY = {"crack": "fracture", "reaction": "elastic"}
 #: Errors below this are drawn at it: a logarithmic axis has no zero.
 LEAST_DRAWN = 1e-6
+_FRONT = "front: nothing cheaper is as accurate in all"
 _FIDELITY: dict[str, Any] = {"linewidths": 0.8, "label": "fidelities: draft, standard, fine, reference"}
+
+
+@dataclass(frozen=True)
+class Cost:
+    """A cost that errors are drawn against: column of the table of runs, factor to what is shown, label of the axis."""
+
+    column: str
+    label: str
+    scale: float = 1.0
+
+
+WORK = Cost("work", "work (bonds visited)")
+OTHER_COSTS = (
+    Cost("seconds", "processor time (s)"),
+    Cost("peak memory [B]", "memory (MB)", 1e-6),
+)
 
 _COLUMNS = ("run", "error", "work", "time", "memory", "excess")
 
@@ -71,9 +89,12 @@ def models_of(scenes: dict[str, dict[str, Any]]) -> dict[str, Any]:
     """
     kinds: dict[str, dict[str, float]] = {}
     for name, scene in scenes.items():
-        orders = {f"{name}: {row['quantity']}": row["order"] for row in scene["limits"]}
-        known = (kind for quantity, kind in _KIND_BY_QUANTITY.items() if f"{name}: {quantity}" in orders)
-        kind = next(known, "diffusion")
+        orders = {
+            f"{name}{row['version'] and ', '}{row['version']}: {row['quantity']}": row["order"]
+            for row in scene["limits"]
+        }
+        quantities = {row["quantity"] for row in scene["limits"]}
+        kind = next((kind for quantity, kind in _KIND_BY_QUANTITY.items() if quantity in quantities), "diffusion")
         kinds.setdefault(kind, {}).update(orders)
     models = {
         kind: {
@@ -101,40 +122,68 @@ def draw(scenes: dict[str, dict[str, Any]], path: str | Path) -> None:
     columns = 2 if len(scenes) > 1 else 1
     rows = math.ceil(len(scenes) / columns)
     figure = Figure(figsize=(8.0, 3.0 * rows + 0.5), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = panels(figure, columns, rows)
     for ax, scene in zip(axes, scenes.values(), strict=False):
-        front_panel(ax, scene["runs"], uncertainty_of(scene))
-        label(ax, "work (bonds visited)", "error (%)", scene["title"])
+        front_panel(ax, scene["runs"], uncertainty_of(scene), WORK)
+        label(ax, WORK.label, "error (%)", scene["title"])
     for ax in axes[len(scenes) :]:
         ax.remove()
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=8, frameon=False)
+    _finish(figure, axes[0], path)
+
+
+def draw_costs(scenes: dict[str, dict[str, Any]], path: str | Path) -> None:
+    """One column a scene: error against processor time above, against memory below."""
+    figure = Figure(figsize=(3.0 * len(scenes) + 0.5, 5.6), layout="constrained")
+    axes = panels(figure, len(scenes), len(OTHER_COSTS))
+    for k, cost in enumerate(OTHER_COSTS):
+        for column, scene in enumerate(scenes.values()):
+            ax = axes[k * len(scenes) + column]
+            front_panel(ax, scene["runs"], uncertainty_of(scene), cost, named=False)
+            label(ax, cost.label, "" if column else "error (%)", "" if k else scene["title"])
+    _finish(figure, axes[0], path)
+
+
+def _finish(figure: Figure, ax: Axes, path: str | Path) -> None:
+    FigureCanvasAgg(figure)
+    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=8, frameon=False)
     with moved_when_whole(path) as place:
         figure.savefig(place, dpi=160, format=Path(path).suffix[1:])
 
 
-def front_panel(ax: Axes, table: Sequence[dict[str, Any]], uncertainty: float) -> None:
-    """Error against work: every run, the front, the defaults, and what the reference cannot tell apart."""
-    rows = [row for row in table if not row["problem"]]
-    points = [(row["work"], 100.0 * max(row["error"], LEAST_DRAWN)) for row in rows]
+def front_panel(ax: Axes, table: Sequence[dict[str, Any]], uncertainty: float, cost: Cost, named: bool = True) -> None:
+    """Error against a cost: every run, the front, the defaults, and what the reference cannot tell apart.
+
+    Runs are named along the defaults and at the fidelities, unless there is no room to.
+    """
+    rows = [row for row in table if not row["problem"] and row[cost.column] > 0.0]
+    points = [(cost.scale * row[cost.column], 100.0 * max(row["error"], LEAST_DRAWN)) for row in rows]
 
     def of(*groups: str) -> list[tuple[float, float]]:
         return [point for point, row in zip(points, rows, strict=True) if row["group"] in groups]
 
-    ordinary = {str(row["group"]) for row in rows} - {"default", "reference", "fidelity"}
-    ax.scatter(*_columns(of(*ordinary)), s=12, color="0.72", linewidths=0, label="a setting changed, or several")
+    ordinary = [
+        (point, row["barred"] is True)
+        for point, row in zip(points, rows, strict=True)
+        if row["group"] not in ("default", "reference", "fidelity")
+    ]
+    plain, barred = ([point for point, out in ordinary if out is which] for which in (False, True))
+    ax.scatter(*_columns(barred), s=14, marker="x", color="0.72", linewidths=0.9, label="lopsided in a symmetric scene")
+    ax.scatter(*_columns(plain), s=12, color="0.62", linewidths=0, label="a setting changed, or several")
     ax.scatter(
         *_columns(of("reference")), s=16, marker="s", facecolors="none", edgecolors="0.45", label="tight settings"
     )
-    line = front_of(points)
-    ax.plot(*_columns(line), color=COLOURS[1], lw=1.6, label="front: nothing is cheaper and as accurate", zorder=2)
+    line = front_of([point for point, row in zip(points, rows, strict=True) if row["barred"] is not True])
+    ax.plot(*_columns(line), color=COLOURS[1], lw=1.2, label="least error for the work", zorder=2)
+    best = [point for point, row in zip(points, rows, strict=True) if row["front"] is True]
+    ax.scatter(*_columns(best), s=16, color=COLOURS[1], linewidths=0, zorder=2.5, label=_FRONT)
     default = [row for row in rows if row["group"] == "default"]
     ax.plot(*_columns(of("default")), "-o", ms=5, lw=0.8, color=COLOURS[0], zorder=3, label="defaults, by spacing")
     for row, (work, error) in zip(default, of("default"), strict=True):
-        if row in (default[0], default[-1]):
+        if named and row in (default[0], default[-1]):
             ax.annotate(row["run"], (work, error), (4, 4), textcoords="offset points", fontsize=7, color=COLOURS[0])
     ax.scatter(*_columns(of("fidelity")), s=46, marker="D", color=COLOURS[2], edgecolors="white", zorder=4, **_FIDELITY)
-    for row, (work, error) in zip([r for r in rows if r["group"] == "fidelity"], of("fidelity"), strict=True):
+    fidelities = [row for row in rows if row["group"] == "fidelity"] if named else []
+    for row, (work, error) in zip(fidelities, of("fidelity"), strict=False):
         place = {"xytext": (-4, -5), "ha": "right", "va": "top", "fontsize": 7, "color": COLOURS[2]}
         ax.annotate(row["run"], (work, error), textcoords="offset points", **place)
     ax.set_xscale("log")
@@ -184,7 +233,13 @@ def as_markdown(scenes: dict[str, dict[str, Any]]) -> str:
                 continue
             times = (f"{row[key] / base[key]:.2f}" if base[key] else "" for key in ("work", "seconds"))
             error = f"{_percent(base['error'])} → {_percent(row['error'])}"
-            note = "on the front" if row["front"] is True else f"excess {row['excess']:.2g}"
+            note = (
+                "on the front"
+                if row["front"] is True
+                else "asymmetric"
+                if row["barred"] is True
+                else f"excess {row['excess']:.2g}"
+            )
             cells.append((item["spacing"], item["setting"], error, *times, note))
         lines += _markdown(("spacing", "setting", "error", "work ×", "time ×", ""), cells)
         lines.append("")
@@ -221,7 +276,7 @@ def fidelity_rows(scenes: dict[str, dict[str, Any]]) -> list[tuple[str, ...]]:
 def _cost_rows(rows: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:
     cells = []
     for row in sorted(rows, key=lambda row: row["work"]):
-        excess = "front" if row["front"] is True else f"{row['excess']:.2g}"
+        excess = "front" if row["front"] is True else "asymmetric" if row["barred"] is True else f"{row['excess']:.2g}"
         cost = (f"{row['work']:.2g}", f"{row['seconds']:.2g} s", f"{row['peak memory [B]'] / 1e6:.0f} MB")
         name = row["run"] + (" (default)" if row["group"] == "default" else "")
         cells.append((name, _percent(row["error"]), *cost, excess))
@@ -237,11 +292,13 @@ def _markdown(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str
     return lines + ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
 
 
-def as_html(scenes: dict[str, dict[str, Any]], picture: str | Path) -> str:
-    """The page: the picture, and the tables of every scene."""
-    data = base64.b64encode(Path(picture).read_bytes()).decode()
+def as_html(scenes: dict[str, dict[str, Any]], pictures: Sequence[str | Path]) -> str:
+    """The page: the pictures, and the tables of every scene."""
     parts = [f"<!doctype html><meta charset='utf-8'><title>Speed against accuracy</title><style>{STYLE}</style>"]
-    parts += ["<h1>Speed against accuracy</h1>", f"<img alt='fronts' src='data:image/png;base64,{data}'>"]
+    parts.append("<h1>Speed against accuracy</h1>")
+    for picture in map(Path, pictures):
+        data = base64.b64encode(picture.read_bytes()).decode()
+        parts.append(f"<img alt='{picture.stem}' src='data:image/png;base64,{data}'>")
     for scene in scenes.values():
         parts += [f"<h2>{html.escape(scene['title'])}</h2>", f"<p>{html.escape(scene['text'])}</p>"]
         parts.append("<table><tr>" + "".join(f"<th>{name}</th>" for name in _COLUMNS) + "</tr>")

@@ -56,6 +56,30 @@ def standard_values(result: xr.Dataset, scene: Scene) -> dict[str, np.ndarray]:
     return values
 
 
+def asymmetry(result: xr.Dataset, coordinates: np.ndarray) -> float:
+    """Share of the broken bonds whose mirror image across the mid-height is whole; not a number if nodes have none.
+
+    Parameters
+    ----------
+    coordinates
+        Of the nodes (n, 2), m.
+    """
+    if "broken_i" not in result or not result["broken_i"].size:
+        return 0.0
+    low, high = coordinates.min(axis=0), coordinates.max(axis=0)
+    cell = math.sqrt(float(np.prod(high - low)) / len(coordinates))
+    places = np.rint((coordinates - low) / (1e-3 * cell)).astype(np.int64)
+    mirrored = np.column_stack([places[:, 0], places[:, 1].max() - places[:, 1]])
+    node_at = {(x, y): node for node, (x, y) in enumerate(places.tolist())}
+    image = np.array([node_at.get((x, y), -1) for x, y in mirrored.tolist()])
+    if (image < 0).any():
+        return math.nan
+    bonds = np.column_stack([result["broken_i"].values, result["broken_j"].values]).astype(np.int64)
+    broken = {(min(pair), max(pair)) for pair in bonds.tolist()}
+    images = {(min(pair), max(pair)) for pair in image[bonds].tolist()}
+    return len(images - broken) / len(broken)
+
+
 def _history(result: xr.Dataset, scene: Scene, name: str) -> np.ndarray:
     values = result[name].values
     return values[-1:] if scene.time.end == 0.0 else np.interp(_times(scene), result["history_time"].values, values)

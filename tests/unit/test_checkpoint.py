@@ -107,7 +107,7 @@ SCENES = {
     "half": ("mode_i_half", {"mesh.spacing": "10 mm", "outputs.every": None, "outputs.count": 12}, 29),
     "long diffusion steps": ("diffusion", SLAB, 9),
     "triangles": ("smoke", {**COARSE, "mesh.cells": "triangle"}, 37),
-    "graded": ("mode_i_graded", GRADED, 101),
+    "graded": ("mode_i_graded", GRADED, 67),
     "inertia": ("smoke", STRUCK, 1),
     "inertia in space": ("mode_i_solid", STRUCK | {"mesh.spacing": "2 mm", "time.end": "80 us"}, 1),
     "in space": ("mode_i_solid", {"mesh.spacing": "2 mm", "time.end": "6 h", "outputs.count": 6}, 11),

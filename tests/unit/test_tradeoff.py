@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 import yaml
 
 from pdhe import cli
@@ -33,6 +34,7 @@ tradeoff:
     together: [{{horizon.ratio: 2.015}}]
   slab:
     scene: {scenes}/diffusion.yaml
+    variants: {{narrow: {{geometry.plate.height: 20 mm}}, slow: {{material.diffusivity: 0.5e-9 m^2/s}}}}
     quantities: [mean_coverage, far_coverage]
     reference: {{spacings: [5 mm, 4 mm, 2.5 mm, 2 mm]}}
     spacings: [5 mm]
@@ -72,10 +74,21 @@ def test_scatter_gives_first_order_and_a_large_uncertainty():
 def test_front_and_excess():
     points = [(1.0, 0.5), (2.0, 0.1), (4.0, 0.2), (8.0, 0.05), (math.nan, 0.01), (3.0, math.nan)]
     assert front.front_of(points) == [(1.0, 0.5), (2.0, 0.1), (8.0, 0.05)]
-    found = front.excess(points)
+    works, errors = np.array(points)[:, 0], np.array(points)[:, 1:]
+    found = front.excess(works, errors)
     assert found[:4] == [1.0, 1.0, 2.0, 1.0] and np.isnan(found[4:]).all()
-    assert front.excess(points, floor=0.1)[3] == 4.0, "no better than what costs a quarter, as far as one can tell"
-    assert front.excess(points, floor=0.07)[3] == 1.0
+    floored = front.excess(works, errors, floors=0.1)
+    assert floored[3] == 4.0, "no better than what costs a quarter, as far as one can tell"
+    assert front.excess(works, errors, floors=0.07)[3] == 1.0
+    # Without the second run, which is compared with what is left, and without any that is as accurate as the fourth.
+    assert front.excess(works, errors, eligible=[True, False, True, True, True, True])[:4] == [1.0, 0.25, 1.0, 1.0]
+    assert np.isnan(front.excess(works, errors, eligible=[True, True, True, False, True, True])[3])
+
+
+def test_a_run_that_is_better_in_one_quantity_and_worse_in_another_keeps_nobody_off_the_front():
+    errors = np.array([[0.01, 0.04], [0.02, 0.01], [0.02, 0.05]])
+    assert front.excess([1.0, 2.0, 3.0], errors) == [1.0, 1.0, 3.0]
+    assert front.excess([1.0, 2.0, 3.0], errors, floors=np.array([0.0, 0.04])) == [1.0, 2.0, 3.0]
 
 
 def test_the_design_covers_every_knob_and_four_scenes():
@@ -102,6 +115,8 @@ def test_the_design_covers_every_knob_and_four_scenes():
         (", 6.25 mm, 5 mm]", "]", "needs four spacings"),
         ("[50 mm, 50 mm]", "[500 mm, 50 mm]", "outside the plate"),
         ("tradeoff:", "tradoff:", "needs scenes by name"),
+        ("geometry.plate.height: 20 mm", "geometry.plate.hight: 20 mm", "hight"),
+        ("{geometry.plate.height: 20 mm}", "20 mm", "cannot be used"),
     ],
 )
 def test_bad_designs_are_refused(old, new, message, small):
@@ -149,14 +164,27 @@ def test_a_small_design_is_measured_and_gathered(small, tmp_path):
     assert "equilibrium not reached" in refused[0]["problem"] and "explicit limit" in refused[1]["problem"]
     assert all(np.isfinite(row["seconds"]) and row["peak memory [B]"] >= 0 for row in pull + slab if not row["problem"])
     # The limit of the diffusion runs is the series solution. Measured: 1.1e-5 apart, uncertainty 1.9e-5.
-    last = [row for row in table_of(Path(folders[1], "limits.csv")) if row["quantity"] == "mean_coverage"][-1]
+    coverages = [row for row in table_of(Path(folders[1], "limits.csv")) if row["quantity"] == "mean_coverage"]
+    last = [row for row in coverages if row["version"] == ""][-1]
     assert float(last["value"]) == pytest.approx(slab_mean(DIFFUSIVITY * 2e7 / LENGTH**2), abs=1e-4)
     assert page.uncertainty_of(scenes["slab"]) < 1e-4
 
-    out = {key: tmp_path / f"all.{key}" for key in ("png", "csv", "html", "md")}
+    # A setting is judged by its mean over the versions of the scene, each of which has a limit of its own.
+    versions = [row for row in table_of(Path(folders[1], "versions.csv")) if row["run"] == "5 mm"]
+    assert [row["version"] for row in versions] == ["", "narrow", "slow"]
+    errors, mean = [float(row["error"]) for row in versions], next(row for row in slab if row["run"] == "5 mm")
+    assert errors[0] == pytest.approx(errors[1], rel=1e-6) and errors[2] != pytest.approx(errors[0], rel=0.1)
+    assert mean["least error"] == min(errors) and mean["largest error"] == max(errors)
+    by_quantity = [float(row["error mean_coverage"]) for row in versions]
+    assert mean["error mean_coverage"] == pytest.approx(np.mean(by_quantity), rel=1e-12)
+    assert mean["work"] == pytest.approx(np.mean([float(row["work"]) for row in versions]), rel=1e-12)
+    assert not Path(folders[0], "versions.csv").exists()
+
+    out = {key: tmp_path / f"all.{key}" for key in ("png", "costs.png", "csv", "html", "md")}
     arguments = ["tradeoff-page", *folders, "--picture", str(out["png"]), "--csv", str(out["csv"])]
+    arguments += ["--costs", str(out["costs.png"])]
     assert cli.main([*arguments, "--out", str(out["html"]), "--markdown", str(out["md"])]) == 0
-    assert out["png"].stat().st_size > 10_000
+    assert out["png"].stat().st_size > 10_000 and out["costs.png"].stat().st_size > 10_000
     rows = table_of(Path(out["csv"]))
     assert len(rows) == len(pull) + len(slab) and {row["scene"] for row in rows} == {"pull", "slab"}
     assert "## Pulled plate" in out["md"].read_text() and "refused" in out["md"].read_text()
@@ -179,3 +207,20 @@ def test_files_are_told_apart_by_validate(small, capsys):
     assert cli.main(["validate", str(small)]) == 0
     assert "design with 23 runs" in capsys.readouterr().out
     assert yaml.safe_load(DESIGN.read_text())
+
+
+def test_broken_bonds_without_a_mirror_image_are_found():
+    columns, rows = np.meshgrid(np.arange(4), np.arange(4))
+    nodes = np.column_stack([columns.ravel(), rows.ravel()]) * 1e-3
+    crossing = [(4 + k, 8 + k) for k in range(4)]  # over the mid-height: their own images
+    pair = [(4, 9), (5, 8)]  # images of each other
+
+    def broken(*bonds):
+        i, j = np.array(bonds, dtype=np.int32).reshape(-1, 2).T
+        return xr.Dataset({"broken_i": ("broken", i), "broken_j": ("broken", j)})
+
+    assert quantities.asymmetry(broken(), nodes) == 0.0
+    assert quantities.asymmetry(broken(*crossing, *pair), nodes) == 0.0
+    assert quantities.asymmetry(broken(*crossing, pair[0]), nodes) == pytest.approx(1 / 5)
+    nodes[3] += 1e-4
+    assert np.isnan(quantities.asymmetry(broken(*crossing), nodes))

@@ -11,7 +11,8 @@ from pdhe.simulation import compute, mesh_case
 SCENES = Path(__file__).parents[2] / "config" / "scenes"
 
 
-# Measured 5.6e-7, 6.4e-6 and 6.3e-7 of the work; 3.1e-7, 7.9e-7 and 1.9e-7 with a tolerance of 1e-4.
+# Measured 1.2e-6, 3.6e-7 and 2.0e-7 of the work; 5.6e-7, 6.4e-6 and 6.3e-7 with a tolerance of 1e-3, 3.1e-7, 7.9e-7 and
+# 1.9e-7 with 1e-4.
 @pytest.mark.parametrize(
     ("name", "changes"),
     [
@@ -26,7 +27,7 @@ def test_energies_balance_between_failures(name, changes):
     work, elastic, broken = found["external_work"], found["elastic_energy"], found["broken_bonds"]
     calm = np.diff(broken) == 0
     assert broken[-1] > 50 and calm.sum() > 5
-    assert np.abs(np.diff(work) - np.diff(elastic))[calm].max() < 1.5e-5 * work.max()
+    assert np.abs(np.diff(work) - np.diff(elastic))[calm].max() < 4e-6 * work.max()
     # Half the work of the forces that hold the body is the energy of its bonds, whatever the residual: round-off.
     displacement = np.ascontiguousarray(found["displacement"][-1])
     assert elastic[-1] == pytest.approx(case.copies * case.body.energy(displacement).sum(), rel=1e-12)

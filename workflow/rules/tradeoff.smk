@@ -1,4 +1,4 @@
-"""Speed against accuracy: one job a scene, its runs in sequence; one picture, one table, one file of numbers."""
+"""Speed against accuracy: one job a scene, its runs in sequence; pictures, one table, one file of numbers."""
 
 
 rule trade:
@@ -43,6 +43,13 @@ rule tradeoff_page:
             subcategory="all scenes",
             labels={"shows": "all fronts", "form": "picture"},
         ),
+        costs=report(
+            "results/tradeoff/costs.png",
+            caption="../report/tradeoff.rst",
+            category="tradeoff",
+            subcategory="all scenes",
+            labels={"shows": "time and memory", "form": "picture"},
+        ),
         table=report(
             "results/tradeoff/runs.csv",
             caption="../report/tradeoff.rst",
@@ -69,5 +76,6 @@ rule tradeoff_page:
         folders=[f"results/tradeoff/{name}" for name in TRADES],
         code=fingerprint("pdhe.tradeoff.page"),
     shell:
-        "python -m pdhe tradeoff-page {params.folders:q} --picture {output.picture:q} --csv {output.table:q}"
+        "python -m pdhe tradeoff-page {params.folders:q} --picture {output.picture:q} --costs {output.costs:q}"
+        " --csv {output.table:q}"
         " --markdown {output.tables:q} --models {output.models:q} --out {output.page:q} > {log:q} 2>&1"
