@@ -12,8 +12,8 @@ SCENE = Path(__file__).parents[2] / "config" / "scenes" / "elastic.yaml"
 WIDTH, HEIGHT, THICKNESS = 96e-3, 48e-3, 4e-3
 
 
-# Heights missing, in spacings of 4 and 2 mm. Measured: 0.748 and 0.719; 0.762 and 0.618. Two halves of a cell would be 1;
-# bonds that are missing beyond the grips make up for some of it.
+# Heights missing, in spacings of 4 and 2 mm. Measured: 0.748 and 0.719; 0.762 and 0.618. Two halves of a cell would be
+# 1; bonds that are missing beyond the grips make up for some of it.
 @pytest.mark.parametrize(("ratio", "missing"), [(1.515, (0.75, 0.72)), (3.015, (0.76, 0.62))])
 def test_the_height_between_grips_is_short_by_a_share_of_the_spacing(ratio, missing):
     found = []
