@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,11 +32,11 @@ from pdhe.scene_blocks import LATTICES
 from pdhe.scene_solid import cubic_cells, size_of
 from pdhe.scene_umat import numbers_of
 
-#: Nodes of a pilot, and by how much coarser it must be to be worth it. For the main scene (20,000 nodes) it costs one
-#: or two hundredths of the run.
+#: Nodes of a pilot, and by how much coarser it is at least. Both its flights cost 3 to 15 % of runs with 10,000 to
+#: 20,000 nodes, and a quarter of the seconds that 2500 take; 2000 nodes foretell no better, for twice as much.
 PILOT_NODES, LEAST_COARSENING = 800, 2.0
-#: Nodes of a graded mesh from which one is flown: it has a quarter of them, fewer tell nothing.
-LEAST_GRADED = 1200
+#: Nodes from which one is flown, and those of a graded mesh: it has a quarter of them, fewer tell nothing.
+LEAST_NODES, LEAST_GRADED = 700, 1200
 #: Share of the memory of the machine from which a warning is due.
 USUAL_SHARE = 0.8
 
@@ -51,15 +52,19 @@ class Pilot:
     coarsening
         Its spacing over that of the run; on graded meshes the same at every place.
     counts
-        Last value of each history, by name, ``sweeps_before_failure`` and ``extension_while_loaded``.
+        Last value of each history, by name, and where bonds broke ``sweeps_before_failure``, ``rounds_while_loaded``,
+        ``extension_while_loaded`` (m), ``first_failure`` and ``end`` (s), and ``failure_instants``: at how many times.
     largest_load
         Largest load over resistance that it met; None without damage.
+    later
+        Counts of another one that had more time, see :func:`longer`; None where it makes no difference.
     """
 
     nodes: int
     coarsening: float
     counts: dict[str, float]
     largest_load: float | None
+    later: dict[str, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -84,18 +89,19 @@ class Forecast:
 
 
 def pilot_scene(scene: Scene, nodes: int) -> Scene | None:
-    """The scene on a mesh of about :data:`PILOT_NODES` nodes; None where that is no coarser or cannot be meshed.
+    """The scene on a mesh of about :data:`PILOT_NODES` nodes, or twice as coarse; None for few nodes.
 
     A graded mesh keeps its shape: all spacings become larger by the same factor. Where bonds may break, all outputs but
     the last are left out: on few nodes they, and not the failures, would decide on the length of diffusion steps. None
     for motions with inertia, whose steps are known beforehand, for user materials and for large strains.
     """
-    coarsening = (nodes / PILOT_NODES) ** (1.0 / (3 if scene.mesh.solid else 2))
+    coarsening = max(LEAST_COARSENING, (nodes / PILOT_NODES) ** (1.0 / (3 if scene.mesh.solid else 2)))
     if scene.mesh.solid:
-        # A run twice as fine in space takes thirty times as long: there is always time for this one.
-        coarsening = _fitting(scene, max(coarsening, LEAST_COARSENING))
-    if scene.mesh.refine:
-        coarsening = max(LEAST_COARSENING, coarsening) if nodes >= LEAST_GRADED else 0.0
+        coarsening = _fitting(scene, coarsening)
+    elif nodes < (LEAST_GRADED if scene.mesh.refine else LEAST_NODES):
+        return None
+    elif scene.mesh.cells in LATTICES:
+        coarsening = _like_the_lattice(scene, coarsening)
     if coarsening < LEAST_COARSENING or scene.stepping.mode == "dynamic":
         return None
     if scene.material.umat is not None or scene.mechanics.strain == "finite":
@@ -104,6 +110,25 @@ def pilot_scene(scene: Scene, nodes: int) -> Scene | None:
         return coarser(scene, coarsening, outputs=scene.damage is None)
     except SceneError:
         return None
+
+
+def _like_the_lattice(scene: Scene, coarsening: float) -> float:
+    """How much coarser a lattice can be, next to what is wanted, and be like the scene's: square, cracks between rows.
+
+    Cells that are not squares have partial volumes, and a crack through nodes is another one than that between them:
+    both differ more in what breaks than lattices of different spacings do. What is wanted, if there is no such lattice.
+    """
+    g, h = scene.geometry, scene.mesh.spacing
+    places = [coordinate for crack in g.cracks for end in (crack.start, crack.end) for coordinate in end]
+
+    def alike(length: float) -> bool:
+        whole = all(abs(side / length - round(side / length)) < 1e-6 for side in (g.width, g.height))
+        apart = [abs(x / length - x / h - round(x / length - x / h)) < 1e-6 for x in places]
+        return whole and all(apart)
+
+    most = int(g.width / (LEAST_COARSENING * h) * (1.0 + 1e-9))
+    found = [length / h for length in (g.width / count for count in range(2, most + 1)) if alike(length)]
+    return min(found, key=lambda some: abs(math.log(some / coarsening)), default=coarsening)
 
 
 def _fitting(scene: Scene, coarsening: float) -> float:
@@ -142,14 +167,39 @@ def coarser(scene: Scene, coarsening: float, outputs: bool = True, with_horizon:
     return Scene.from_resolved(content)
 
 
+def longer(scene: Scene, coarsening: float, since: float) -> Scene:
+    """A pilot with as much more time from an instant on, s, as hydrogen needs more time on its mesh; loads are held."""
+    content, end = scene.resolved(), scene.time.end
+    for load in content["loads"]:
+        load["displacement"] = {axis: _held_from(history, end) for axis, history in load["displacement"].items()}
+    for item in content["hydrogen"]["boundary"]:
+        item["coverage"] = _held_from(item["coverage"], end)
+    content["time"]["end"] = since + coarsening * (end - since)
+    content["outputs"] = {"times": [content["time"]["end"]]}
+    return Scene.from_resolved(content)
+
+
+def _held_from(history: Mapping[str, list[float]], end: float) -> dict[str, list[float]]:
+    """A resolved history that stays as it is from an instant on, s."""
+    times, values = history["times"], history["values"]
+    kept = [(t, v) for t, v in zip(times, values, strict=True) if t < end]
+    kept.append((end, float(np.interp(end, times, values))))
+    return {"times": [t for t, _ in kept], "values": [v for _, v in kept]}
+
+
 def make_forecast(case: Case, pilot: Pilot | None) -> Forecast:
     """Scale what a pilot counted up to the mesh of a case.
 
     With the spacing h, a crack takes rounds of failures in proportion to 1/h for each length of growth. Where hydrogen
-    carries it under loads that are held, its speed goes with 1/h as well, until it has crossed the plate. Iterations
-    of an equilibrium do not change. Sweeps of the diffusion grow as 1/h up to the first failure (stages grow as the
-    square root of the length of a step), and are as many for each failure from then on: how long they are apart goes
-    with the longest plain step. Fixed stepping has the same number of load steps and of sweeps.
+    carries it under loads that are held, its speed goes with 1/h as well. If it also depends on the time alone, as that
+    of hydrogen far around the tip does, the crack grows so many times farther, until it has crossed the plate; if it
+    depends on the place alone, the crack comes as far as the pilot does with so many times more time (:func:`longer`).
+    While loads change, growth follows them, on any mesh, or waits for hydrogen all the same. Of two such limits the
+    geometric mean is taken: a pilot does not tell which holds.
+
+    Iterations of an equilibrium do not change. Sweeps of the diffusion grow as the square root of the number of plain
+    steps, which goes as 1/h^2, and of the number of instants at which they have to stop: failures, and outputs, which a
+    pilot leaves out. Fixed stepping has the same number of load steps and of sweeps.
 
     Cracks on so coarse a mesh are rough guides: times are right within a factor of three (the benchmark `same_answer`
     has 2.7), counts of failures less so.
@@ -172,15 +222,14 @@ def make_forecast(case: Case, pilot: Pilot | None) -> Forecast:
         return Forecast(memory, float(sweeps), seconds=setup + each * force * sweeps)
     if pilot is None:
         return Forecast(memory)
-    coarsening = pilot.coarsening
     last, fixed = pilot.counts, case.scene.stepping.mode == "fixed"
-    rounds = last.get("failure_rounds", 0.0) * coarsening * _faster(case, pilot, coarsening)
+    estimates = [_rounds_and_sweeps(case, pilot, counts) for counts in (last, pilot.later) if counts]
+    rounds, sweeps = (math.prod(values) ** (1.0 / len(values)) for values in zip(*estimates, strict=True))
     solves = max(last.get("equilibrium_solves", 0.0) - last.get("failure_rounds", 0.0), 0.0) + rounds
-    iterations = last.get("equilibrium_iterations", 0.0) / max(last.get("equilibrium_solves", 0.0), 1.0) * solves
-    sweeps, before = last.get("diffusion_sweeps", 0.0), last.get("sweeps_before_failure", 0.0)
-    if not fixed:
-        more = rounds / last["failure_rounds"] if last.get("failure_rounds") else 1.0
-        sweeps = before * coarsening + (sweeps - before) * more
+    flown = pilot.later or last
+    iterations = flown.get("equilibrium_iterations", 0.0) / max(flown.get("equilibrium_solves", 0.0), 1.0) * solves
+    if fixed:
+        sweeps = last.get("diffusion_sweeps", 0.0)
     force, diffusion = _sweep_seconds(case)
     seconds = setup + force * (ITERATION * iterations + SEARCH * solves) + STEP * diffusion * sweeps
     return Forecast(
@@ -249,18 +298,27 @@ def memory_of_machine() -> tuple[float, float]:
     return memory, swap
 
 
-def _faster(case: Case, pilot: Pilot, coarsening: float) -> float:
-    """How many times farther a crack grows than in the pilot: hydrogen is nearer; the plate may end before.
-
-    That is so once the loads are held. While they change, growth follows them, on any mesh.
-    """
-    g, grown = case.scene.geometry, pilot.counts.get("crack_extension", 0.0)
-    held = grown - pilot.counts.get("extension_while_loaded", 0.0)
-    if case.diffusion is None or grown <= 0.0 or held <= 0.0:
-        return 1.0
-    lengths = [crack.length for crack in g.cracks]
-    room = max(g.width, g.height) - max(lengths) - (grown - held)
-    return (grown - held + held * min(coarsening, max(1.0, room / held))) / grown
+def _rounds_and_sweeps(case: Case, pilot: Pilot, counts: Mapping[str, float]) -> tuple[float, float]:
+    """Rounds of failures and sweeps of the diffusion as one flight has them foretell."""
+    coarsening, end = pilot.coarsening, case.scene.time.end
+    sweeps, before = counts.get("diffusion_sweeps", 0.0), counts.get("sweeps_before_failure", 0.0)
+    broken, loaded = counts.get("failure_rounds", 0.0), counts.get("rounds_while_loaded", 0.0)
+    if not broken:
+        return 0.0, before * coarsening
+    wet, farther = case.diffusion is not None, 1.0
+    if wet and counts is pilot.counts:
+        grown = counts["crack_extension"] - counts["extension_while_loaded"]
+        g = case.scene.geometry
+        lengths = [crack.length for crack in g.cracks]
+        room = max(g.width, g.height) - max(lengths, default=0.0) - counts["extension_while_loaded"]
+        farther = min(coarsening, max(1.0, room / grown)) if grown > 0.0 else 1.0
+    following = math.sqrt(coarsening) if wet else 1.0
+    more = coarsening * (loaded * following + (broken - loaded) * farther) / broken
+    instants, first = counts["failure_instants"], counts["first_failure"]
+    outputs = sum(t > first for t in case.scene.outputs.times)
+    time = (end - first) / (counts["end"] - first) if counts["end"] > first else 1.0
+    longer_steps = math.sqrt(max(time, 0.0) * (more + outputs / instants))
+    return more * broken, before * coarsening + (sweeps - before) * coarsening * longer_steps
 
 
 def _sweep_seconds(case: Case, repeats: int = 5) -> tuple[float, float]:

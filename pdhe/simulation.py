@@ -18,7 +18,7 @@ from pdhe.checkpoint import Keeper, Run, identity
 from pdhe.damage import Candidates, nearest_failure
 from pdhe.discretization import Discretization, discretize
 from pdhe.errors import PdheError, SimulationError
-from pdhe.forecast import Pilot, check_memory, make_forecast, pilot_scene
+from pdhe.forecast import Pilot, check_memory, longer, make_forecast, pilot_scene
 from pdhe.histories import energies, node_fields, units_of
 from pdhe.kernels import threads_for
 from pdhe.mesh import make_mesh
@@ -155,42 +155,55 @@ def fly_pilot(scene: Scene, nodes: int) -> Pilot | None:
     coarse = pilot_scene(scene, nodes)
     if coarse is None:
         return None
+    coarsening = coarse.mesh.spacing / scene.mesh.spacing
+    coarsening = coarse.mesh.spacing / scene.mesh.spacing
     try:
         case = mesh_case(coarse)
         variables = compute(case).variables
+        counts, later = _counts_of(case, variables), None
+        since = max(_loads_change_until(case), counts.get("first_failure", np.inf))
+        if case.diffusion is not None and since < scene.time.end:
+            more = build_case(longer(coarse, coarsening, since), case.discretization)
+            later = _counts_of(more, compute(more).variables)
     except PdheError:
         return None  # too coarse for the scene's own details: that says nothing against the scene
-    counts = {
-        name: float(variables[name].values[-1])
-        for name in (
-            "equilibrium_solves",
-            "equilibrium_iterations",
-            "failure_rounds",
-            "diffusion_sweeps",
-            "crack_extension",
-        )
-        if name in variables
-    }
-    if "crack_extension" in counts:
-        last = int(np.searchsorted(variables["history_time"].values, _loads_change_until(case), side="right")) - 1
-        counts["extension_while_loaded"] = float(variables["crack_extension"].values[last])
-    if "diffusion_sweeps" in variables:
-        # The first row is the start, and where nothing breaks the last one is what counts.
-        rounds = variables["failure_rounds"].values if "failure_rounds" in variables else np.zeros(1)
-        first = int(np.argmax(rounds > 0)) if rounds[-1] > 0 else -1
-        counts["sweeps_before_failure"] = float(variables["diffusion_sweeps"].values[first])
     largest = variables.get("largest_load")
     return Pilot(
-        case.discretization.volume.size, coarse.mesh.spacing / scene.mesh.spacing, counts,
-        None if largest is None else float(np.max(largest.values)),
+        case.discretization.volume.size, coarsening, counts,
+        None if largest is None else float(np.max(largest.values)), later,
     )  # fmt: skip
 
 
+def _counts_of(case: Case, variables: Mapping[str, Any]) -> dict[str, float]:
+    """What a forecast needs to know of a run."""
+    names = "equilibrium_solves", "equilibrium_iterations", "failure_rounds", "diffusion_sweeps", "crack_extension"
+    counts = {name: float(variables[name].values[-1]) for name in names if name in variables}
+    first = -1  # where nothing breaks, the last row is what counts
+    if counts.get("failure_rounds"):
+        rounds, times = variables["failure_rounds"].values, variables["history_time"].values
+        first = int(np.argmax(rounds > 0))
+        loaded = int(np.searchsorted(times, _loads_change_until(case), side="right")) - 1
+        counts |= {
+            "rounds_while_loaded": float(rounds[loaded]),
+            "extension_while_loaded": float(variables["crack_extension"].values[loaded]),
+            "failure_instants": float(np.count_nonzero(np.diff(rounds))),
+            "first_failure": float(times[first]),
+            "end": case.scene.time.end,
+        }
+    if "diffusion_sweeps" in variables:
+        counts["sweeps_before_failure"] = float(variables["diffusion_sweeps"].values[first])
+    return counts
+
+
 def _loads_change_until(case: Case) -> float:
-    """The time from which prescribed displacements stay as they are, s."""
-    stops, changing = [0.0, *sorted(t for t in case.conditions.corners if t > 0.0), case.scene.time.end], 0.0
-    for begin, stop in pairwise(stops):
-        if stop > begin and case.conditions.changes(begin, stop):
+    """The time from which prescribed displacements and coverages stay as they are, s."""
+    corners = {t for t in case.conditions.corners if t > 0.0} if case.conditions is not None else set()
+    edges = case.scene.hydrogen.boundary if case.scene.hydrogen is not None else ()
+    corners |= {t for item in edges for t in item.coverage.corners if t > 0.0}
+    stops, changing = sorted({0.0, case.scene.time.end, *corners}), 0.0
+    for begin, stop in pairwise(t for t in stops if t <= case.scene.time.end):
+        wet = any(item.coverage(begin) != item.coverage(stop) for item in edges)
+        if wet or (case.conditions is not None and case.conditions.changes(begin, stop)):
             changing = stop
     return changing
 

@@ -23,6 +23,7 @@ BENCHMARKS: dict[str, str] = {
     "choices": "pdhe.benchmarks.choices",
     "scaling": "pdhe.benchmarks.scaling",
     "memory": "pdhe.benchmarks.memory",
+    "foretold": "pdhe.benchmarks.foretold",
     "startup": "pdhe.benchmarks.startup",
     "peers": "pdhe.benchmarks.peers",
 }

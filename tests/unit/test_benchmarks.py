@@ -20,6 +20,7 @@ TINY = {
     "choices": {"spacing": 1e-2, "nodes": 800, "rounds": 1, "least": 0.002},
     "scaling": {"nodes": [400, 800], "rounds": 1, "thread_nodes": []},
     "memory": {"nodes": 1500},
+    "foretold": {"scenes": ["smoke"]},
     "startup": {"cases": 1, "rounds": 1, "workflow": False},
     "peers": {"nodes": 500, "steps": 2, "rounds": 1},
 }  # fmt: skip
