@@ -42,7 +42,9 @@ class SizeField:
                 (x, y), end = (crack.start, crack.end) if crack is not None else (item.start, item.end)
                 vector, radius = (end[0] - x, end[1] - y), 0.0
             self.regions.append((x, y, *vector, radius, item.spacing, item.within))
-        self.finest = min([self.coarsest, *(region[5] for region in self.regions)])
+        #: Spacings that whole parts of the plate have, m; between them it grows.
+        self.plateaus = sorted({self.coarsest, *(region[5] for region in self.regions)})
+        self.finest = self.plateaus[0]
 
     def at(self, x: float, y: float) -> float:
         """Spacing at one place, m."""
