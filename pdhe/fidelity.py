@@ -92,8 +92,8 @@ def usual_ratio(geometry: Geometry, mesh: Mesh, whole: bool) -> float:
 def usual_tolerance(breaks: bool) -> float:
     """Relative residual of equilibria of a scene that gives none: the front of the study of speed against accuracy.
 
-    Where bonds break it is the loosest one that keeps symmetric scenes symmetric: of 24 runs of the study none came
-    out lopsided with 3e-4, three did with 1e-3, fifteen with 1e-2. Errors are the same to two digits below.
+    Where bonds break it is the loosest one that keeps symmetric scenes symmetric: with 3e-4 no run of the study came
+    out lopsided, with 1e-3 one or two of its scenes did on some mesh, with 1e-2 most. Errors are the same below.
     """
     return SETTINGS["fracture" if breaks else "elastic"]["fine"].tolerance
 

@@ -156,7 +156,6 @@ def fly_pilot(scene: Scene, nodes: int) -> Pilot | None:
     if coarse is None:
         return None
     coarsening = coarse.mesh.spacing / scene.mesh.spacing
-    coarsening = coarse.mesh.spacing / scene.mesh.spacing
     try:
         case = mesh_case(coarse)
         variables = compute(case).variables

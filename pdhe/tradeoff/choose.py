@@ -13,7 +13,7 @@ from pydantic import BaseModel
 
 from pdhe.case import EDGES, build_case
 from pdhe.errors import PdheError, SceneError
-from pdhe.fidelity import kind_of, smallest_feature, spacing_for
+from pdhe.fidelity import kind_of, smallest_feature, spacing_for, usual_tolerance
 from pdhe.scene import Scene, load_scene
 from pdhe.scene_blocks import SOLID_CELLS
 from pdhe.scene_fields import Accuracy
@@ -89,7 +89,9 @@ def choose(path: str | Path, progress: Progress | None = None) -> Choice:
     accuracy, scene = check(path)
     changes: dict[str, Any] = {}
     if scene.loads is not None and (read_scene_file(path).get("solver") or {}).get("tolerance") is None:
-        changes["solver.tolerance"] = float(f"{TOLERANCE * accuracy:.2g}")
+        # Never looser than usual: scenes whose bonds break would not stay symmetric.
+        tolerance = min(TOLERANCE * accuracy, usual_tolerance(True) if scene.damage is not None else accuracy)
+        changes["solver.tolerance"] = float(f"{tolerance:.2g}")
     pilots = _fly(scene, lambda h: load_scene(path, {**OPEN, **changes, "mesh.spacing": f"{h!r} m"}), log)
     if pilots.scatter > 0.5 * accuracy:
         text = f"cannot be promised: errors of pilot runs scatter by {100.0 * pilots.scatter:.2g} % about any order"

@@ -20,6 +20,7 @@ from pdhe.benchmarks.machine import peak_memory
 from pdhe.case import build_case
 from pdhe.discretization import Discretization
 from pdhe.errors import PdheError
+from pdhe.fidelity import smallest_feature
 from pdhe.plan import make_plan
 from pdhe.provenance import digest
 from pdhe.results import write_dataset
@@ -27,7 +28,8 @@ from pdhe.scene import Scene
 from pdhe.simulation import Progress, simulate
 from pdhe.tradeoff.design import QUANTITIES, Run, Trade
 from pdhe.tradeoff.front import excess
-from pdhe.tradeoff.quantities import Limit, asymmetry, limit_of, values_of
+from pdhe.tradeoff.own_error import OwnError
+from pdhe.tradeoff.quantities import Limit, asymmetry, limit_of, standard_values, values_of
 from pdhe.verification.report import Report, Row
 from pdhe.verification.slabs import nodes_of
 
@@ -53,6 +55,10 @@ BARRED = """ The scene is symmetric: settings with which, on some mesh, a bond b
 are left out of the front, and marked."""
 
 
+#: Groups of runs on meshes of which one may tell the error of another, and how much coarser the coarser one may be.
+ESTIMATED, COARSENINGS = ("reference", "default", "fidelity"), (1.45, 3.4)
+
+
 @dataclass
 class Outcome:
     """What came of a run; cost and values are absent where it failed."""
@@ -68,11 +74,14 @@ class Outcome:
     memory: float = np.nan
     file: float = np.nan
     values: dict[str, np.ndarray] = field(default_factory=dict)
+    #: What results tell errors of (:func:`pdhe.tradeoff.quantities.standard_values`), of the groups :data:`ESTIMATED`.
+    standard: dict[str, np.ndarray] = field(default_factory=dict)
     errors: dict[str, float] = field(default_factory=dict)
     problem: str = ""
 
     headline: tuple[str, ...] = ()
-    #: Share of the broken bonds whose mirror image is whole, in a symmetric scene; the largest of the versions.
+    #: Share of the broken bonds whose mirror image is whole, in a symmetric scene; the largest of the versions. Not a
+    #: number on irregular nodes, which have no mirror images.
     asymmetry: float = 0.0
     #: Whether its setting is no part of the front, because of that on this mesh or another.
     barred: bool = False
@@ -112,7 +121,8 @@ def measure(trade: Trade, progress: Progress | None = None) -> Report:
         uncertainties=", ".join(f"{QUANTITIES[name]} {100 * value:.2g} %" for name, value in doubt.items()),
     )  # fmt: skip
     rows = [*_reference_rows(limits, doubt, uncertainty), *_front_rows(table)]
-    tables = {"runs": table, "limits": limit_table(limits)}
+    told = [{"version": version, **row} for version in found for row in estimate_table(found[version])]
+    tables = {"runs": table, "limits": limit_table(limits), "estimates": told}
     if several:
         tables["versions"] = [
             {"version": version, **row} for version in found for row in table_of(found[version], floors)
@@ -134,6 +144,8 @@ def outcomes_of(trade: Trade, version: str, progress: Progress) -> list[Outcome]
         try:
             result = _timed(outcome, nodes[key], 1 if trade.variants else REPEATS)
             outcome.values = values_of(result, scene, trade.all_quantities, trade.failure)
+            if run.group in ESTIMATED:
+                outcome.standard = standard_values(result, scene)
             outcome.asymmetry = asymmetry(result, nodes[key].coordinates) if trade.symmetric else 0.0
         except PdheError as error:
             outcome.problem = str(error)
@@ -166,7 +178,7 @@ def _mean(versions: Sequence[Outcome]) -> Outcome:
     found = Outcome(first.run, first.scene, headline=first.headline, problem=problem)
     for name in ("nodes", "bonds", "work", "force_sweeps", "diffusion_sweeps", "seconds", "file"):
         setattr(found, name, float(np.mean([getattr(outcome, name) for outcome in versions])))
-    found.asymmetry = max(outcome.asymmetry for outcome in versions)
+    found.asymmetry = float(np.fmax.reduce([outcome.asymmetry for outcome in versions]))
     found.memory = max(outcome.memory for outcome in versions)
     if not problem:
         found.errors = {name: float(np.mean([outcome.errors[name] for outcome in versions])) for name in first.errors}
@@ -206,6 +218,29 @@ def table_of(outcomes: Sequence[Outcome], floors: np.ndarray) -> list[dict[str, 
                 "problem": outcome.problem,
             }
         )
+    return rows
+
+
+def estimate_table(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
+    """What runs with the defaults would tell of their error from coarser ones, and that error: a row a pair of meshes.
+
+    Without runs that are nearer to the limit than twice what it is known to.
+    """
+    ladder = [outcome for outcome in outcomes if outcome.run.group == "reference"]
+    spacings = [outcome.scene.mesh.spacing for outcome in ladder]
+    limits = {name: limit_of(spacings, [o.standard[name] for o in ladder]) for name in ladder[0].standard}
+    runs = {o.scene.mesh.spacing: o for o in outcomes if o.run.group in ESTIMATED[1:] and not o.problem}
+    rows = []
+    for fine, run in sorted(runs.items()):
+        found = max(limits[name].error(value) for name, value in run.standard.items())
+        if found < 2.0 * max(limit.uncertainty for limit in limits.values()):
+            continue
+        for coarse, other in sorted(runs.items()):
+            if not COARSENINGS[0] <= coarse / fine <= COARSENINGS[1]:
+                continue
+            told = max(OwnError(run.scene, coarse / fine, other.nodes, other.standard).errors(run.standard).values())
+            cells = smallest_feature(run.scene.geometry) / coarse
+            rows.append({"spacing [m]": fine, "coarser [m]": coarse, "cells": cells, "told": told, "found": found})
     return rows
 
 

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 #: Quantity -> kind of the scenes that have it.
 _KIND_BY_QUANTITY = {"crack": "fracture", "reaction": "elastic"}
+#: Axes of a smaller range than this have ticks at twice and five times powers of ten too.
+FEW_DECADES = 300.0
 #: Errors below this are drawn at it: a logarithmic axis has no zero.
 LEAST_DRAWN = 1e-6
 _FRONT = "front: nothing cheaper is as accurate in all"
@@ -59,7 +61,7 @@ def gather(folders: Sequence[str | Path]) -> dict[str, dict[str, Any]]:
         report, runs = folder / "report.json", folder / "runs.csv"
         if not (report.is_file() and runs.is_file()):
             raise PdheError(f"{folder}: no measured scene; run `pdhe trade` first")
-        tables = {"runs": _table(runs), "limits": _table(folder / "limits.csv")}
+        tables = {"runs": _table(runs), **{name: _table(folder / f"{name}.csv") for name in ("limits", "estimates")}}
         found[folder.name] = {**read_json(report), **tables}
     return found
 
@@ -173,14 +175,15 @@ def front_panel(ax: Axes, table: Sequence[dict[str, Any]], uncertainty: float, c
         *_columns(of("reference")), s=16, marker="s", facecolors="none", edgecolors="0.45", label="tight settings"
     )
     line = front_of([point for point, row in zip(points, rows, strict=True) if row["barred"] is not True])
-    ax.plot(*_columns(line), color=COLOURS[1], lw=1.2, label="least error for the work", zorder=2)
+    ax.plot(*_columns(line), color=COLOURS[1], lw=1.2, label="least error for the cost", zorder=2)
     best = [point for point, row in zip(points, rows, strict=True) if row["front"] is True]
     ax.scatter(*_columns(best), s=16, color=COLOURS[1], linewidths=0, zorder=2.5, label=_FRONT)
     default = [row for row in rows if row["group"] == "default"]
     ax.plot(*_columns(of("default")), "-o", ms=5, lw=0.8, color=COLOURS[0], zorder=3, label="defaults, by spacing")
     for row, (work, error) in zip(default, of("default"), strict=True):
         if named and row in (default[0], default[-1]):
-            ax.annotate(row["run"], (work, error), (4, 4), textcoords="offset points", fontsize=7, color=COLOURS[0])
+            place = {"xytext": (0, 7), "ha": "center", "fontsize": 7, "color": COLOURS[0]}
+            ax.annotate(row["run"], (work, error), textcoords="offset points", **place)
     ax.scatter(*_columns(of("fidelity")), s=46, marker="D", color=COLOURS[2], edgecolors="white", zorder=4, **_FIDELITY)
     fidelities = [row for row in rows if row["group"] == "fidelity"] if named else []
     for row, (work, error) in zip(fidelities, of("fidelity"), strict=False):
@@ -192,12 +195,21 @@ def front_panel(ax: Axes, table: Sequence[dict[str, Any]], uncertainty: float, c
     low, high = 0.5 * low, 1.5 * high
     if 100.0 * uncertainty > low:
         ax.axhspan(low, 100.0 * uncertainty, color="0.92", lw=0, zorder=0, label="within the reference's uncertainty")
-    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    steps = (1, 2, 5) if math.log10(high / low) < 2.5 else (1,)
-    ticks = [step * 10.0**decade for decade in decades for step in steps]
+    ticks = _ticks(low, high)
     ax.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
     ax.set_yticks([], minor=True)
     ax.set_ylim(low, high)
+    low, high = ax.get_xlim()
+    if high < FEW_DECADES * low:
+        ticks = [tick for tick in _ticks(low, high) if low <= tick <= high]
+        ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+        ax.set_xticks([], minor=True)
+
+
+def _ticks(low: float, high: float) -> list[float]:
+    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    steps = (1, 2, 5) if high < FEW_DECADES * low else (1,)
+    return [step * 10.0**decade for decade in decades for step in steps]
 
 
 def _columns(points: Sequence[tuple[float, float]]) -> tuple[list[float], list[float]]:
@@ -220,6 +232,8 @@ def knob_table(scene: dict[str, Any]) -> list[dict[str, Any]]:
 def as_markdown(scenes: dict[str, dict[str, Any]]) -> str:
     """Tables for the documentation: the fidelities, the front of every scene, and what each knob does by itself."""
     lines = ["## Fidelities", "", *_markdown(_FIDELITY_COLUMNS, fidelity_rows(scenes)), ""]
+    lines += ["## What results tell of their own error", "", ESTIMATES, ""]
+    lines += [*_markdown(_ESTIMATE_COLUMNS, estimate_rows(scenes)), ""]
     for scene in scenes.values():
         lines += [f"## {scene['title']}", "", scene["text"].strip(), "", "Front, fidelities and defaults:", ""]
         chosen = [row for row in scene["runs"] if row["front"] is True or row["group"] in ("default", "fidelity")]
@@ -244,6 +258,29 @@ def as_markdown(scenes: dict[str, dict[str, Any]]) -> str:
         lines += _markdown(("spacing", "setting", "error", "work ×", "time ×", ""), cells)
         lines.append("")
     return "\n".join(lines)
+
+
+ESTIMATES = """\
+Every pair of runs with the defaults and of the fidelities whose meshes differ by 1.45 to 3.4 times the spacing: the
+error that the finer one would tell of itself from the coarser one, over its distance from the limit; without runs that
+are as near to the limit as twice what it is known to."""
+_ESTIMATE_COLUMNS = ("scene", "pairs", "told over found", "within a factor of 2", "within 3", "below half")
+
+
+def estimate_rows(scenes: dict[str, dict[str, Any]]) -> list[tuple[str, ...]]:
+    """How far estimates can be trusted in every scene."""
+    rows = []
+    for scene in scenes.values():
+        ratios = sorted(row["told"] / row["found"] for row in scene["estimates"] if row["found"] > 0.0)
+        if not ratios:
+            continue
+
+        def share(low: float, high: float, ratios: list[float] = ratios) -> str:
+            return f"{100.0 * sum(low <= ratio <= high for ratio in ratios) / len(ratios):.0f} %"
+
+        spread = f"{ratios[0]:.2f} to {ratios[-1]:.2g}"
+        rows.append((scene["title"], str(len(ratios)), spread, share(0.5, 2.0), share(1 / 3, 3.0), share(0.0, 0.5)))
+    return rows
 
 
 _FIDELITY_COLUMNS = (

@@ -22,6 +22,8 @@ LENGTHS = 400
 ORDERS = (0.5, 3.0)
 #: An order other than the first is believed where its fit leaves less than this share of the misfit.
 CLEARLY = 0.5
+#: Distance over the spacing within which nodes are at the same place.
+SAME_PLACE = 1e-3
 #: Error of a quantity that does not exist, such as the time of a failure that does not happen.
 MISSING = 1.0
 
@@ -66,13 +68,12 @@ def asymmetry(result: xr.Dataset, coordinates: np.ndarray) -> float:
     """
     if "broken_i" not in result or not result["broken_i"].size:
         return 0.0
+    from scipy.spatial import KDTree
+
     low, high = coordinates.min(axis=0), coordinates.max(axis=0)
-    cell = math.sqrt(float(np.prod(high - low)) / len(coordinates))
-    places = np.rint((coordinates - low) / (1e-3 * cell)).astype(np.int64)
-    mirrored = np.column_stack([places[:, 0], places[:, 1].max() - places[:, 1]])
-    node_at = {(x, y): node for node, (x, y) in enumerate(places.tolist())}
-    image = np.array([node_at.get((x, y), -1) for x, y in mirrored.tolist()])
-    if (image < 0).any():
+    mirrored = np.column_stack([coordinates[:, 0], low[1] + high[1] - coordinates[:, 1]])
+    away, image = KDTree(coordinates).query(mirrored)
+    if away.max() > SAME_PLACE * math.sqrt(float(np.prod(high - low)) / len(coordinates)):
         return math.nan
     bonds = np.column_stack([result["broken_i"].values, result["broken_j"].values]).astype(np.int64)
     broken = {(min(pair), max(pair)) for pair in bonds.tolist()}
