@@ -389,7 +389,10 @@ def build_bonds(
         If two nodes coincide.
     """
     horizons = None if grading is None else grading.horizons
-    reach = (horizon if horizons is None else horizons) + (0.5 * spacing if partial == "ramp" else 0.0 * spacing)
+    # A ramp ends half the mean spacing of both cells beyond the larger horizon: with horizons of their own, a cell may
+    # have the larger one and yet be the smaller of the two. What is found too much has no share.
+    beyond = 0.0 if partial != "ramp" else 0.5 if horizons is None else 1.0
+    reach = (horizon if horizons is None else horizons) + beyond * spacing
     images = None if symmetry is None else symmetry.images(coordinates, float(reach.max()) * (1 + 1e-9))
     if images is not None:
         coordinates, cracks = images.positions, symmetry.cracks(cracks)
