@@ -347,14 +347,13 @@ def _drawing(patches: list[dict[str, Any]], paths: dict[tuple[float, str], list[
         first.set_ylim(bottom=0.0)
         first.legend(fontsize=7, frameon=False)
         label(first, "growth of the spacing", "strain error (%)")
-        for k, ((ratio, kind), (path, *_)) in enumerate(paths.items()):
-            second.plot(
-                path.advance, path.rate, color=COLOURS[k // 2], linestyle="-" if kind == "graded" else ":",
-                linewidth=0.9, label=f"{kind}, $m$ = {ratio:g}",
-            )  # fmt: skip
+        for k, ((_, kind), each) in enumerate(paths.items()):
+            lost, colour = np.array([path.lost for path in each]), COLOURS[kind == "graded"]
+            second.plot(k + np.linspace(-0.25, 0.25, lost.size), lost, "o", ms=3, color=colour, alpha=0.6)
+            second.plot([k - 0.35, k + 0.35], [lost.mean()] * 2, color=colour, linewidth=1.6)
         second.axhline(1.0, color="0.3", linewidth=0.8)
-        second.legend(fontsize=6, frameon=False)
-        label(second, "growth (cells)", "energy release rate ($G_c$)")
+        second.set_xticks(range(len(paths)), [f"{kind}\n{ratio:g}" for ratio, kind in paths], fontsize=7)
+        label(second, "strips and their mean, by horizon ratio", "energy lost ($G_c$)")
         for k, (name, item) in enumerate(runs.items()):
             r = item.result
             third.step(
