@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import multiprocessing
 import time
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from pdhe.benchmarks.machine import peak_memory
 from pdhe.benchmarks.problems import SCENE
-from pdhe.benchmarks.timing import counted, shown
+from pdhe.benchmarks.timing import answer_of, counted, shown
 from pdhe.case import build_case
 from pdhe.discretization import discretize, read_discretization, write_discretization
 from pdhe.forecast import make_forecast
@@ -80,7 +79,7 @@ def foretold_over_found(scene: Scene, alone: bool = False) -> dict[str, float]:
         if alone:
             # The pilot has compiled what the other process needs.
             write_discretization(nodes, Path(folder, "nodes.nc"))
-            found = _in_a_process(scene, folder)
+            found = answer_of(_serve, json.dumps(scene.resolved()), folder)
         else:
             found = _counts(simulate(case))
     numba.set_num_threads(before)
@@ -96,18 +95,6 @@ def _counts_for(name: str, value: float) -> bool:
 
 def _counts(result: Mapping[str, Any]) -> dict[str, float]:
     return {name: float(result[name].values[-1]) for name in COUNTS if name in result}
-
-
-def _in_a_process(scene: Scene, folder: str) -> dict[str, float]:
-    context = multiprocessing.get_context("spawn")
-    here, there = context.Pipe()
-    process = context.Process(target=_serve, args=(there, json.dumps(scene.resolved()), folder))
-    process.start()
-    there.close()
-    try:
-        return here.recv()
-    finally:
-        process.join()
 
 
 def _serve(end: Any, scene: str, folder: str) -> None:

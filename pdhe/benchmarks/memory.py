@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import multiprocessing
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from functools import partial
@@ -13,7 +12,7 @@ import numpy as np
 
 from pdhe.benchmarks.machine import peak_memory
 from pdhe.benchmarks.problems import mode_i
-from pdhe.benchmarks.timing import counted, shown
+from pdhe.benchmarks.timing import answer_of, counted, shown
 from pdhe.forecast import make_forecast
 from pdhe.verification.drawing import COLOURS, label, panels
 from pdhe.verification.report import Report, Row
@@ -34,15 +33,7 @@ the case was built.
 
 def run(nodes: int = 100_000) -> Report:
     """Weigh every array of the main scene at one size."""
-    context = multiprocessing.get_context("spawn")
-    here, there = context.Pipe()
-    process = context.Process(target=_serve, args=(there, nodes))
-    process.start()
-    there.close()
-    try:
-        r = here.recv()
-    finally:
-        process.join()
+    r = answer_of(_serve, nodes)
     bonds = r["bonds"]
     rows: list[Row] = [shown(name, size / bonds, "B") for name, size in r["arrays"].items()]
     total = sum(r["arrays"].values())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import multiprocessing
 import time
 from collections.abc import Sequence
 from functools import partial
@@ -14,7 +13,7 @@ import numpy as np
 
 from pdhe.benchmarks.machine import cores, peak_memory
 from pdhe.benchmarks.problems import mode_i
-from pdhe.benchmarks.timing import counted, ratio, sample_table, shown, threads_against_copies
+from pdhe.benchmarks.timing import answer_of, counted, ratio, sample_table, shown, threads_against_copies
 from pdhe.verification.drawing import COLOURS, label, panels
 from pdhe.verification.report import Report, Row, fitted_order
 
@@ -42,7 +41,7 @@ def run(
     thread_nodes: Sequence[int] = (20_000, 100_000),
 ) -> Report:
     """Measure each size, and two threads against two copies at ``thread_nodes``; a million nodes take 4 GB."""
-    results = [_in_process(count, rounds, threads) for count in nodes]
+    results = [answer_of(_serve, count, rounds, threads) for count in nodes]
     rows: list[Row] = []
     groups = {}
     for r in results:
@@ -79,18 +78,6 @@ def run(
     text = TEXT.format(tolerance=results[0]["tolerance"], threads=threads)
     tables = {"samples": sample_table(groups)}
     return Report("scaling", TITLE, text, rows, partial(_draw, results), tables)
-
-
-def _in_process(nodes: int, rounds: int, threads: int) -> dict[str, Any]:
-    context = multiprocessing.get_context("spawn")
-    here, there = context.Pipe()
-    process = context.Process(target=_serve, args=(there, nodes, rounds, threads))
-    process.start()
-    there.close()
-    try:
-        return here.recv()
-    finally:
-        process.join()
 
 
 def _serve(end: Any, nodes: int, rounds: int, threads: int) -> None:

@@ -111,6 +111,19 @@ class Copies:
             process.join(10)
 
 
+def answer_of(serve: Callable[..., None], *arguments: Any) -> Any:
+    """What ``serve(end, *arguments)`` sends through one end of a pipe, from a process of its own."""
+    context = multiprocessing.get_context("spawn")
+    here, there = context.Pipe()
+    process = context.Process(target=serve, args=(there, *arguments))
+    process.start()
+    there.close()
+    try:
+        return here.recv()
+    finally:
+        process.join()
+
+
 def _serve(end: Any, module: str, function: str, arguments: dict[str, Any]) -> None:
     import numba
 
