@@ -93,7 +93,7 @@ def usual_tolerance(breaks: bool) -> float:
     """Relative residual of equilibria of a scene that gives none: the front of the study of speed against accuracy.
 
     Where bonds break it is the loosest one that keeps symmetric scenes symmetric: with 3e-4 no run of the study came
-    out lopsided, with 1e-3 one or two of its scenes did on some mesh, with 1e-2 most. Errors are the same below.
+    out lopsided, with 1e-3 both of its scenes did on some mesh, with 1e-2 on most. Errors are the same below.
     """
     return SETTINGS["fracture" if breaks else "elastic"]["fine"].tolerance
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -90,8 +91,8 @@ def choose(path: str | Path, progress: Progress | None = None) -> Choice:
     changes: dict[str, Any] = {}
     if scene.loads is not None and (read_scene_file(path).get("solver") or {}).get("tolerance") is None:
         # Never looser than usual: scenes whose bonds break would not stay symmetric.
-        tolerance = min(TOLERANCE * accuracy, usual_tolerance(True) if scene.damage is not None else accuracy)
-        changes["solver.tolerance"] = float(f"{tolerance:.2g}")
+        most = usual_tolerance(breaks=True) if scene.damage is not None else math.inf
+        changes["solver.tolerance"] = float(f"{min(TOLERANCE * accuracy, most):.2g}")
     pilots = _fly(scene, lambda h: load_scene(path, {**OPEN, **changes, "mesh.spacing": f"{h!r} m"}), log)
     if pilots.scatter > 0.5 * accuracy:
         text = f"cannot be promised: errors of pilot runs scatter by {100.0 * pilots.scatter:.2g} % about any order"

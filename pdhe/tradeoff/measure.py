@@ -54,9 +54,8 @@ told apart.{barred}"""
 BARRED = """ The scene is symmetric: settings with which, on some mesh, a bond broke and its mirror image did not
 are left out of the front, and marked."""
 
-
-#: Groups of runs on meshes of which one may tell the error of another, and how much coarser the coarser one may be.
-ESTIMATED, COARSENINGS = ("reference", "default", "fidelity"), (1.45, 3.4)
+#: Groups of runs of which one may tell the error of another, and how much coarser the coarser one may be.
+ESTIMATED, COARSENINGS = ("default", "fidelity"), (1.45, 3.4)
 
 
 @dataclass
@@ -74,7 +73,8 @@ class Outcome:
     memory: float = np.nan
     file: float = np.nan
     values: dict[str, np.ndarray] = field(default_factory=dict)
-    #: What results tell errors of (:func:`pdhe.tradeoff.quantities.standard_values`), of the groups :data:`ESTIMATED`.
+    #: What results tell errors of (:func:`pdhe.tradeoff.quantities.standard_values`); of references and those in
+    #: :data:`ESTIMATED`.
     standard: dict[str, np.ndarray] = field(default_factory=dict)
     errors: dict[str, float] = field(default_factory=dict)
     problem: str = ""
@@ -83,8 +83,6 @@ class Outcome:
     #: Share of the broken bonds whose mirror image is whole, in a symmetric scene; the largest of the versions. Not a
     #: number on irregular nodes, which have no mirror images.
     asymmetry: float = 0.0
-    #: Whether its setting is no part of the front, because of that on this mesh or another.
-    barred: bool = False
     #: Least and largest error among the versions of the scene, where this outcome is their mean.
     spread: tuple[float, float] = (np.nan, np.nan)
 
@@ -144,7 +142,7 @@ def outcomes_of(trade: Trade, version: str, progress: Progress) -> list[Outcome]
         try:
             result = _timed(outcome, nodes[key], 1 if trade.variants else REPEATS)
             outcome.values = values_of(result, scene, trade.all_quantities, trade.failure)
-            if run.group in ESTIMATED:
+            if run.group in ("reference", *ESTIMATED):
                 outcome.standard = standard_values(result, scene)
             outcome.asymmetry = asymmetry(result, nodes[key].coordinates) if trade.symmetric else 0.0
         except PdheError as error:
@@ -187,13 +185,16 @@ def _mean(versions: Sequence[Outcome]) -> Outcome:
 
 
 def table_of(outcomes: Sequence[Outcome], floors: np.ndarray) -> list[dict[str, Any]]:
-    """One row a run: settings, errors, cost; errors of what counts are not told apart below ``floors``."""
-    _bar(outcomes)
+    """One row a run: settings, errors, cost; errors of what counts are not told apart below ``floors``.
+
+    Settings with which a symmetric scene broke asymmetrically, on whatever mesh, are kept off the front.
+    """
+    lopsided = {_setting(outcome) for outcome in outcomes if outcome.asymmetry > 0.0}
+    eligible = [_setting(outcome) not in lopsided for outcome in outcomes]
     errors = [[outcome.errors.get(name, np.nan) for name in outcome.headline] for outcome in outcomes]
-    eligible = [not outcome.barred for outcome in outcomes]
     rows = []
     found = excess([outcome.work for outcome in outcomes], np.array(errors), floors, eligible)
-    for outcome, over in zip(outcomes, found, strict=True):
+    for outcome, over, may in zip(outcomes, found, eligible, strict=True):
         rows.append(
             {
                 "run": outcome.run.name,
@@ -212,9 +213,9 @@ def table_of(outcomes: Sequence[Outcome], floors: np.ndarray) -> list[dict[str, 
                 "peak memory [B]": outcome.memory,
                 "file [B]": outcome.file,
                 "excess": over,
-                "front": bool(over <= 1.0) and not outcome.barred,
+                "front": bool(over <= 1.0) and may,
                 "asymmetry": outcome.asymmetry,
-                "barred": outcome.barred,
+                "barred": not may,
                 "problem": outcome.problem,
             }
         )
@@ -229,7 +230,7 @@ def estimate_table(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
     ladder = [outcome for outcome in outcomes if outcome.run.group == "reference"]
     spacings = [outcome.scene.mesh.spacing for outcome in ladder]
     limits = {name: limit_of(spacings, [o.standard[name] for o in ladder]) for name in ladder[0].standard}
-    runs = {o.scene.mesh.spacing: o for o in outcomes if o.run.group in ESTIMATED[1:] and not o.problem}
+    runs = {o.scene.mesh.spacing: o for o in outcomes if o.run.group in ESTIMATED and not o.problem}
     rows = []
     for fine, run in sorted(runs.items()):
         found = max(limits[name].error(value) for name, value in run.standard.items())
@@ -255,14 +256,8 @@ def limit_table(limits: dict[str, dict[str, Limit]]) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-def _bar(outcomes: Sequence[Outcome]) -> None:
-    """Keep settings off the front with which a symmetric scene broke asymmetrically, on whatever mesh."""
-    lopsided = {_setting(outcome) for outcome in outcomes if outcome.asymmetry > 0.0}
-    for outcome in outcomes:
-        outcome.barred = _setting(outcome) in lopsided
-
-
 def _setting(outcome: Outcome) -> str:
+    """What a run has in common with those of the same settings on other meshes."""
     return digest({key: value for key, value in outcome.run.changes.items() if key != "mesh.spacing"})
 
 

@@ -185,8 +185,8 @@ def front_panel(ax: Axes, table: Sequence[dict[str, Any]], uncertainty: float, c
             place = {"xytext": (0, 7), "ha": "center", "fontsize": 7, "color": COLOURS[0]}
             ax.annotate(row["run"], (work, error), textcoords="offset points", **place)
     ax.scatter(*_columns(of("fidelity")), s=46, marker="D", color=COLOURS[2], edgecolors="white", zorder=4, **_FIDELITY)
-    fidelities = [row for row in rows if row["group"] == "fidelity"] if named else []
-    for row, (work, error) in zip(fidelities, of("fidelity"), strict=False):
+    fidelities = [row for row in rows if row["group"] == "fidelity"]
+    for row, (work, error) in zip(fidelities if named else (), of("fidelity") if named else (), strict=True):
         place = {"xytext": (-4, -5), "ha": "right", "va": "top", "fontsize": 7, "color": COLOURS[2]}
         ax.annotate(row["run"], (work, error), textcoords="offset points", **place)
     ax.set_xscale("log")
@@ -247,15 +247,8 @@ def as_markdown(scenes: dict[str, dict[str, Any]]) -> str:
                 continue
             times = (f"{row[key] / base[key]:.2f}" if base[key] else "" for key in ("work", "seconds"))
             error = f"{_percent(base['error'])} → {_percent(row['error'])}"
-            note = (
-                "on the front"
-                if row["front"] is True
-                else "asymmetric"
-                if row["barred"] is True
-                else f"excess {row['excess']:.2g}"
-            )
-            cells.append((item["spacing"], item["setting"], error, *times, note))
-        lines += _markdown(("spacing", "setting", "error", "work ×", "time ×", ""), cells)
+            cells.append((item["spacing"], item["setting"], error, *times, _standing(row)))
+        lines += _markdown(("spacing", "setting", "error", "work ×", "time ×", "excess"), cells)
         lines.append("")
     return "\n".join(lines)
 
@@ -313,11 +306,17 @@ def fidelity_rows(scenes: dict[str, dict[str, Any]]) -> list[tuple[str, ...]]:
 def _cost_rows(rows: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:
     cells = []
     for row in sorted(rows, key=lambda row: row["work"]):
-        excess = "front" if row["front"] is True else "asymmetric" if row["barred"] is True else f"{row['excess']:.2g}"
         cost = (f"{row['work']:.2g}", f"{row['seconds']:.2g} s", f"{row['peak memory [B]'] / 1e6:.0f} MB")
         name = row["run"] + (" (default)" if row["group"] == "default" else "")
-        cells.append((name, _percent(row["error"]), *cost, excess))
+        cells.append((name, _percent(row["error"]), *cost, _standing(row)))
     return cells
+
+
+def _standing(row: dict[str, Any]) -> str:
+    """Where a run is: on the front, left out of it, or by which factor of work away from it."""
+    if row["front"] is True:
+        return "front"
+    return "asymmetric" if row["barred"] is True else f"{row['excess']:.2g}"
 
 
 def _percent(value: float) -> str:
